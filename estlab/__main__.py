@@ -1,0 +1,6 @@
+"""``python -m estlab`` is ``estlab``."""
+
+from estlab.cli import main
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,265 @@
+"""From the command line to a command. The only place that knows Hydra."""
+
+import contextlib
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, cast
+
+from estlab import __version__
+from estlab.errors import UserError
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from estlab.config import Settings
+    from estlab.experiment import Names
+
+OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+HELP = """\
+estlab: a command-line laboratory for nonlinear state estimation
+
+  estlab run scenario=car filter=ukf       run a filter on a problem; a timestamped directory under runs/
+  estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
+  estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
+  estlab list [scenarios|filters|experiments]  what there is
+  estlab run --help                        every key of the configuration, and Hydra's own flags
+  estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
+
+Exit codes: 0 ok, 1 a run failed, 2 usage or configuration, 130 interrupted.
+"""
+
+_GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command line; its exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        return _dispatch(arguments)
+    except UserError as error:
+        return _complain(str(error))
+    except KeyboardInterrupt:
+        print("estlab: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output, such as head, has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+
+
+def _dispatch(arguments: list[str]) -> int:
+    command, rest = (arguments[0], arguments[1:]) if arguments else ("--help", [])
+    if command in ("-h", "--help", "help"):
+        print(HELP, end="")
+    elif command == "--version":
+        print(f"estlab {__version__}")
+    elif command == "list":
+        return _list(rest)
+    elif command in ("run", "sweep"):
+        return _hydra([*(["--multirun"] if command == "sweep" else []), *rest], _run_job)
+    elif command == "simulate":
+        # It makes no run directory, so Hydra's is where the user stands.
+        return _hydra(["hydra.run.dir=.", *rest], _simulate_job)
+    elif command in ("-sc", "--shell-completion"):
+        return _complete(rest)
+    else:
+        from estlab.config import nearest
+
+        raise UserError(f"there is no command {command}{nearest(command, ['run', 'sweep', 'simulate', 'list'])} (see estlab --help)")
+    return OK
+
+
+def conf_folder() -> Path:
+    """conf/, beside the package in a checkout and inside it in an installed wheel."""
+    inside = Path(__file__).parent / "conf"
+    return inside if inside.is_dir() else Path(__file__).parent.parent / "conf"
+
+
+def _list(arguments: list[str]) -> int:
+    """Print the options of each group with the comment that heads its file."""
+    for kind in arguments or _GROUPS:
+        if kind not in _GROUPS:
+            raise UserError(f"estlab list takes {', '.join(_GROUPS)}; got {kind}")
+        print(kind if not arguments else "", end="\n" if not arguments else "")
+        options = sorted((conf_folder() / _GROUPS[kind]).glob("*.yaml"))
+        width = max(len(option.stem) for option in options)
+        for option in options:
+            lines = _comment(option)
+            print(f"  {option.stem:{width}}  {lines[0]}")
+            for line in lines[1:]:
+                print(f"  {'':{width}}  {line}")
+    return OK
+
+
+def _comment(path: Path) -> list[str]:
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        if not line.startswith("# @package"):
+            lines.append(line.lstrip("# "))
+    return lines or [""]
+
+
+def _complete(arguments: list[str]) -> int:
+    """Answer the shell: our own words first, the rest from Hydra as if there were no subcommand."""
+    line = os.environ.get("COMP_LINE", "")
+    words = line.split()
+    at_second = len(words) < 2 or (len(words) == 2 and not line.endswith(" "))
+    if not any(argument.startswith("query=") for argument in arguments):
+        return _hydra(["-sc", *arguments], _run_job)
+    if at_second:
+        print(" ".join(w for w in ("run", "sweep", "simulate", "list") if w.startswith(words[1] if len(words) > 1 else "")))
+        return OK
+    if words[1] == "list":
+        print(" ".join(_GROUPS))
+        return OK
+    os.environ["COMP_LINE"] = re.sub(r"^(\s*\S+\s+)\S+\s", r"\1", line, count=1)
+    return _hydra(["-sc", *arguments], _run_job)
+
+
+def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
+    """Hand the rest of the command line to Hydra and its configuration to the job; the worst job's exit code."""
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
+    # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    signal.signal(signal.SIGTERM, _interrupt)
+    codes: list[int] = []
+
+    def task(config: "DictConfig") -> None:
+        codes.append(job(config))
+
+    sys.argv = ["estlab", *arguments]
+    try:
+        hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
+    except (HydraException, OmegaConfBaseException, ValueError) as error:
+        if traceback_wanted:
+            raise
+        raise UserError(_one_line(error, arguments)) from error
+    except OSError as error:
+        if traceback_wanted:
+            raise
+        raise UserError(f"{error.filename}: cannot be written ({error.strerror}); set output to another folder") from error
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else OK
+    return max(codes, default=OK)
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _run_job(config: "DictConfig") -> int:
+    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    from estlab import experiment, rundir
+
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        settings, names = _settings(config)
+        experiment.check(settings)
+        directory = rundir.RunDirectory(folder)
+    except UserError as error:
+        _remove_if_empty(folder)
+        return _complain(str(error))
+    try:
+        with directory.logged():
+            directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
+            directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
+            directory.link_latest(Path(settings.output))
+            experiment.run(settings, names, directory, sys.argv)
+    except KeyboardInterrupt:
+        directory.finish("interrupted", "interrupted by the user")
+        raise
+    except Exception as error:
+        message = _reason(error, folder / rundir.LOG)
+        directory.finish("failed", message)
+        return _complain(message, USAGE if isinstance(error, UserError) else FAILED)
+    directory.finish("ok")
+    return OK
+
+
+def _simulate_job(config: "DictConfig") -> int:
+    from estlab import experiment
+
+    for path in experiment.simulate(*_settings(config)):
+        print(path)
+    return OK
+
+
+def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
+    """The composed configuration as objects, and what the user called them."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    from estlab.config import build
+    from estlab.experiment import Names
+
+    choices = HydraConfig.get().runtime.choices
+    plain = OmegaConf.to_container(config, resolve=True)
+    return build(cast(dict[str, Any], plain)), Names(choices["scenario"], choices["filter"])
+
+
+def _reason(error: Exception, log: Path) -> str:
+    """Why a run failed and what to do, in one line."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, make room or set output to another disk"
+    if isinstance(error, MemoryError):
+        return "out of memory; lower block_runs, runs or keep_runs"
+    return f"internal error, {type(error).__name__}: {error}; the traceback is in {log}"
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error."""
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+        folder.parent.rmdir()
+
+
+def _complain(message: str, code: int = USAGE) -> int:
+    print(f"estlab: {message}", file=sys.stderr)
+    return code
+
+
+def _one_line(error: Exception, arguments: list[str]) -> str:
+    """Hydra's and OmegaConf's messages, which take several lines, as one that names the key and the nearest known one."""
+    from estlab.config import nearest
+
+    text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
+    if match := re.search(r"Could not override '([^']+)'", text):
+        wrong = match[1].lstrip("+")
+        return f"unknown key {wrong}{nearest(wrong, _known_keys(arguments))}"
+    if match := re.search(r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*))?", text, re.DOTALL):
+        group, _, option = match[1].rpartition("/")
+        options = re.findall(r"^\s+(\S+)", f"\t{match[2] or ''}", re.MULTILINE)
+        return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (f" (one of {', '.join(options)})" if options else "")
+    return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
+
+
+def _known_keys(arguments: list[str]) -> list[str]:
+    """Every group and key of the configuration that the group choices among the arguments compose."""
+    from hydra import compose, initialize_config_dir
+    from hydra.errors import HydraException
+
+    from estlab.config import key_paths
+
+    groups = [folder.name for folder in conf_folder().iterdir() if folder.is_dir() and folder.name != "hydra"]
+    chosen = [argument for argument in arguments if argument.partition("=")[0] in groups]
+    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
+        for overrides in (chosen, []):
+            with contextlib.suppress(HydraException):
+                return [*groups, *key_paths(compose("config", overrides=overrides))]
+    return groups

@@ -1,0 +1,197 @@
+"""From a composed configuration to objects, strictly: nothing unknown, nothing out of range, nothing imported unasked.
+
+The schema is the code: a node's keys are the parameters of the class or function that its ``_target_`` names, and a
+value's type is the parameter's. Defaults live in conf/ alone.
+"""
+
+import difflib
+import importlib
+import inspect
+import math
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from typing import Any, Literal, Union
+
+from estlab.errors import UserError
+from estlab.filters.gaussian import GaussianFilter
+from estlab.scenarios.contract import Scales, Scenario
+
+Node = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the filter assumes and what the truth has, apart."""
+
+    filter: Scales
+    truth: Scales
+
+
+@dataclass(frozen=True)
+class Data:
+    """Where truth and readings come from: made here, or read from files."""
+
+    source: Literal["simulated", "files"]
+    path: str | None
+    prefix: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A run's whole configuration, as objects."""
+
+    scenario: Scenario
+    filter: GaussianFilter
+    noise: Noise
+    data: Data
+    runs: int
+    steps: int | None
+    seed: int
+    keep_runs: int
+    block_runs: int
+    plots: bool
+    output: str
+    plugins: list[str]
+
+    def __post_init__(self) -> None:
+        for name in ("runs", "steps", "keep_runs", "block_runs"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be >= 1, got {value}")
+        if self.seed < 0:
+            raise ValueError(f"seed must be >= 0, got {self.seed}")
+
+
+def build(config: Node) -> Settings:
+    """The settings that a resolved configuration describes.
+
+    Raises UserError, naming the key, the value and the remedy, for the first thing that is wrong.
+    """
+    allowed = ("estlab", *(str(name) for name in config.get("plugins") or ()))
+    _check_targets(config, "", allowed)
+    return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
+
+
+def nearest(path: str, known: Sequence[str]) -> str:
+    """'; did you mean ...?' for the known name most like a wrong one, or nothing."""
+    exact_leaf = [name for name in known if name.rpartition(".")[2] == path.rpartition(".")[2]]
+    close = exact_leaf[:1] or difflib.get_close_matches(path, known, n=1, cutoff=0.6)
+    if not close:
+        leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
+        close = [leaves[leaf] for leaf in difflib.get_close_matches(path.rpartition(".")[2], list(leaves), n=1, cutoff=0.7)]
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def key_paths(config: Any, prefix: str = "") -> list[str]:
+    """Every key of a configuration by its dotted path."""
+    paths = []
+    for key, value in config.items():
+        path = f"{prefix}{key}"
+        paths.append(path)
+        if isinstance(value, Mapping):
+            paths += key_paths(value, f"{path}.")
+    return [path for path in paths if not path.endswith("_target_")]
+
+
+class _Builder:
+    def __init__(self, config: Node, allowed: tuple[str, ...]) -> None:
+        self.known = key_paths(config)
+        self.allowed = allowed
+
+    def construct(self, make: Callable[..., Any], node: Node, path: str) -> Any:
+        """Call ``make`` with the node's values, each checked against the parameter of its name."""
+        parameters = inspect.signature(make).parameters
+        hints = typing.get_type_hints(make.__init__ if inspect.isclass(make) else make)
+        given = [key for key in node if key != "_target_"]
+        for key in given:
+            if key not in parameters:
+                here = [_join(path, name) for name in parameters]
+                elsewhere = [name for name in self.known if name != _join(path, key)]
+                raise UserError(f"unknown key {_join(path, key)}{nearest(_join(path, key), here + elsewhere)}")
+        for key, parameter in parameters.items():
+            if key not in node and parameter.default is parameter.empty:
+                raise UserError(f"{_join(path, key)} is missing")
+        arguments = {key: self.convert(node[key], hints.get(key, Any), _join(path, key)) for key in given}
+        try:
+            return make(**arguments)
+        except ValueError as error:
+            raise UserError(_join(path, str(error))) from error
+
+    def convert(self, value: Any, hint: Any, path: str) -> Any:
+        """The value as the type, or a UserError that names the key."""
+        if value == "???":
+            raise UserError(f"{path} must be given, for example {path}=...")
+        if isinstance(value, Mapping):
+            if "_target_" in value:
+                return self.construct(_resolve(value["_target_"], f"{path}._target_", self.allowed), value, path)
+            if is_dataclass(hint):
+                return self.construct(typing.cast(Callable[..., Any], hint), value, path)
+        origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+        if origin in (Union, types.UnionType):
+            if value is None and type(None) in arguments:
+                return None
+            return self.convert(value, next(a for a in arguments if a is not type(None)), path)
+        if origin is Literal:
+            if value not in arguments:
+                near = nearest(str(value), [str(a) for a in arguments])
+                raise UserError(f"{path} must be one of {', '.join(map(str, arguments))}, got {value}{near}")
+            return value
+        if origin is list:
+            if not isinstance(value, Sequence) or isinstance(value, str):
+                raise UserError(f"{path} must be a list, got {value!r}")
+            return [self.convert(item, arguments[0], f"{path}[{i}]") for i, item in enumerate(value)]
+        return _scalar(value, hint, path)
+
+
+def _scalar(value: Any, hint: Any, path: str) -> Any:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if number and not math.isfinite(value):
+        raise UserError(f"{path} must be finite, got {value}")
+    if hint is float and number:
+        return float(value)
+    if hint is int and number and float(value).is_integer():
+        return int(value)
+    if hint in (bool, str) and isinstance(value, hint):
+        return value
+    if hint is str and number:
+        return str(value)
+    if hint is Any:
+        return value
+    words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+    raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
+
+
+def _check_targets(node: Any, path: str, allowed: tuple[str, ...]) -> None:
+    """Refuse every target outside the allowed packages before anything is imported."""
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            if key == "_target_":
+                _check_name(value, _join(path, key), allowed)
+            _check_targets(value, _join(path, str(key)), allowed)
+    elif isinstance(node, Sequence) and not isinstance(node, str):
+        for i, value in enumerate(node):
+            _check_targets(value, f"{path}[{i}]", allowed)
+
+
+def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
+    if not any(str(name).startswith(f"{package}.") for package in allowed):
+        raise UserError(f"{path} {name} is refused: it is not in {', '.join(allowed)}; list its package under plugins to allow it")
+
+
+def _resolve(name: str, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
+    """The class or function of this dotted name, itself defined in an allowed package."""
+    module, _, attribute = name.rpartition(".")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"{path}: there is no {name} ({error})") from error
+    if not (inspect.isclass(found) or inspect.isfunction(found)):
+        raise UserError(f"{path} {name} is not a class or a function")
+    _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
+    return found
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key

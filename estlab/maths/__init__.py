@@ -1,0 +1,1 @@
+"""Small-matrix algebra, beliefs, spaces and transforms on components-first arrays. No units, no config."""

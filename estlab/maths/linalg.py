@@ -1,0 +1,92 @@
+"""Dense algebra of many small matrices at once, components first.
+
+A matrix is ``(n, m, *batch)``: entry ``A[i, j]`` is contiguous over the batch, so that loops run over the few
+components in Python and over the many members of the batch in NumPy. A member that has no answer becomes NaN
+and its neighbours go on: ``numpy.linalg`` would raise for the whole stack.
+"""
+
+import numpy as np
+
+from estlab.maths.space import Array
+
+
+def matmul(a: Array, b: Array) -> Array:
+    """A B for (n, k, *batch) and (k, m, *batch)."""
+    return np.einsum("ik...,kj...->ij...", a, b)
+
+
+def matvec(a: Array, x: Array) -> Array:
+    """A x for (n, k, *batch) and (k, *batch)."""
+    return np.einsum("ik...,k...->i...", a, x)
+
+
+def transpose(a: Array) -> Array:
+    """A' for (n, m, *batch)."""
+    return np.swapaxes(a, 0, 1)
+
+
+def gram(a: Array, b: Array | None = None) -> Array:
+    """A B' for (n, p, *batch) and (m, p, *batch); A A' when B is left out."""
+    return np.einsum("ip...,jp...->ij...", a, a if b is None else b)
+
+
+def sandwich(a: Array, p: Array) -> Array:
+    """A P A', symmetric to the last bit, for (n, k, *batch) and (k, k, *batch)."""
+    return symmetric(gram(matmul(a, p), a))
+
+
+def symmetric(p: Array) -> Array:
+    """(P + P') / 2."""
+    return 0.5 * (p + transpose(p))
+
+
+def cholesky(p: Array) -> Array:
+    """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive definite.
+
+    Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle.
+    """
+    n = p.shape[0]
+    factor = np.zeros_like(p)
+    for j in range(n):
+        column = p[j:, j] - np.einsum("ik...,k...->i...", factor[j:, :j], factor[j, :j])
+        pivot = np.sqrt(np.where(column[0] > 0.0, column[0], np.nan))
+        factor[j:, j] = column / pivot
+    # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
+    failed = ~np.isfinite(factor[-1, -1])
+    if np.any(failed):
+        factor = np.where(failed, np.nan, factor)
+    return factor
+
+
+def solve_lower(factor: Array, b: Array) -> Array:
+    """L^-1 B by forward substitution, for L (m, m, *batch) and B (m, k, *batch)."""
+    solution = np.empty(np.broadcast_shapes(factor[:, :1].shape, b.shape))
+    for i in range(factor.shape[0]):
+        known = np.einsum("j...,jk...->k...", factor[i, :i], solution[:i])
+        solution[i] = (b[i] - known) / factor[i, i]
+    return solution
+
+
+def mahalanobis2(error: Array, cov: Array) -> Array:
+    """e' P^-1 e for (n, *batch) and (n, n, *batch); NaN where P is not positive definite."""
+    whitened = solve_lower(cholesky(cov), error[:, None])
+    return np.einsum("ik...,ik...->...", whitened, whitened)
+
+
+def diagonal(values: Array) -> Array:
+    """The (n, n, *batch) matrix with these values (n, *batch) on its diagonal."""
+    values = np.asarray(values)
+    n = values.shape[0]
+    matrix = np.zeros((n, *values.shape))
+    matrix[range(n), range(n)] = values
+    return matrix
+
+
+def block_diagonal(p: Array, q: Array) -> Array:
+    """[P 0; 0 Q] for (n, n, *batch) and (m, m, *batch or nothing)."""
+    n, m = p.shape[0], q.shape[0]
+    batch = np.broadcast_shapes(p.shape[2:], q.shape[2:])
+    joint = np.zeros((n + m, n + m, *batch))
+    joint[:n, :n] = p.reshape(n, n, *(1,) * (len(batch) - p.ndim + 2), *p.shape[2:])
+    joint[n:, n:] = q.reshape(m, m, *(1,) * (len(batch) - q.ndim + 2), *q.shape[2:])
+    return joint

@@ -1,0 +1,1 @@
+"""Motion models and sensors. Units and geometry live here; filtering methods do not."""

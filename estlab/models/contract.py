@@ -1,0 +1,167 @@
+"""What a filter needs to know of a motion and of a sensor.
+
+A model itself is a module-level function of components that returns a tuple of components, in NumPy's functions
+only. It never asks how many points or runs there are: every component has shape ``(*batch)`` and the batch is
+points, runs, both or nothing.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estlab.maths.derivatives import jacobian
+from estlab.maths.space import Array, Space
+from estlab.maths.transforms import Function
+
+Components = tuple[Any, ...]
+Rows = tuple[Components, ...]
+
+
+def stacked(components: Components, batch: tuple[int, ...]) -> Array:
+    """A tuple of components, each a number or an array, as one array (n, *batch)."""
+    array = np.empty((len(components), *batch))
+    for i, component in enumerate(components):
+        array[i] = component
+    return array
+
+
+def matrix(rows: Rows, batch: tuple[int, ...]) -> Array:
+    """Rows of components as one array (n, m, *batch)."""
+    array = np.empty((len(rows), len(rows[0]), *batch))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            array[i, j] = entry
+    return array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """x[k] = move(x[k-1], u[k], w[k], dt) with w ~ N(0, noise_cov(u, dt)).
+
+    move(state, control, noise, dt): components in, components out.
+    noise_cov(control, dt): (q, q, runs or nothing). noise_size: q.
+    jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None for differences.
+    """
+
+    space: Space
+    move: Callable[[Array, Array, Array, float], Components]
+    noise_cov: Callable[[Array, float], Array]
+    noise_size: int
+    jacobians: Callable[[Array, Array, float], tuple[Rows, Rows]] | None = None
+
+    def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
+        """The next state (n, *batch)."""
+        batch = np.broadcast_shapes(state.shape[1:], noise.shape[1:])
+        return stacked(self.move(state, control, noise, dt), batch)
+
+    def function(self, control: Array, dt: float) -> Function:
+        """The motion as a function of the state, without noise."""
+        silent = np.zeros(self.noise_size)
+        slope = None
+        if self.jacobians is not None:
+            jacobians = self.jacobians
+
+            def slope(state: Array) -> Array:
+                return matrix(jacobians(state, control, dt)[0], state.shape[1:])
+
+        return Function(lambda points: self.step(points, control, silent, dt), self.space, slope)
+
+    def joint_function(self, control: Array, dt: float) -> Function:
+        """The motion as a function of (state, noise)."""
+        n = self.space.size
+        slope = None
+        if self.jacobians is not None:
+            jacobians = self.jacobians
+
+            def slope(joint: Array) -> Array:
+                in_state, in_noise = jacobians(joint[:n], control, dt)
+                return matrix(tuple((*a, *b) for a, b in zip(in_state, in_noise, strict=True)), joint.shape[1:])
+
+        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.space, slope)
+
+    def noise_jacobian(self, state: Array, control: Array, dt: float) -> Array:
+        """dx/dw (n, q, *batch) at w = 0."""
+        if self.jacobians is not None:
+            return matrix(self.jacobians(state, control, dt)[1], state.shape[1:])
+        silent = np.zeros((self.noise_size, *state.shape[1:]))
+        return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.space)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """z = measure(x, place) + v with v ~ N(0, noise_cov).
+
+    measure(state, place): components in, components out. space: of the readings. state: the space of the state.
+    noise_cov: (m, m).
+    places: (p, number of places), what a reading may be about, such as landmarks; (0, 1) where there is no choice.
+    slope(state, place): rows of dz/dx, or None for differences.
+    """
+
+    space: Space
+    state: Space
+    measure: Callable[[Array, Array], Components]
+    noise_cov: Array
+    places: Array
+    slope: Callable[[Array, Array], Rows] | None = None
+
+    def place(self, target: Array) -> Array:
+        """The places (p, *target.shape) with these numbers."""
+        return self.places[:, target]
+
+    def read(self, state: Array, place: Array) -> Array:
+        """The reading (m, *batch) without noise."""
+        return stacked(self.measure(state, place), state.shape[1:])
+
+    def function(self, place: Array) -> Function:
+        """The sensor as a function of the state, without noise."""
+        derivative = None
+        if self.slope is not None:
+            rows = self.slope
+
+            def derivative(state: Array) -> Array:
+                return matrix(rows(state, place), state.shape[1:])
+
+        return Function(lambda points: self.read(points, place), self.space, derivative)
+
+    def joint_function(self, place: Array, n: int) -> Function:
+        """The sensor as a function of (state, noise), the noise added."""
+        return Function(
+            lambda points: self.space.plus(self.read(points[:n], place), points[n:]), self.space, self._joint_slope(place, n)
+        )
+
+    def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Array] | None:
+        derivative = self.function(place).jacobian
+        if derivative is None:
+            return None
+        m = self.space.size
+
+        def slope(joint: Array) -> Array:
+            identity = np.broadcast_to(np.eye(m).reshape(m, m, *(1,) * (joint.ndim - 1)), (m, m, *joint.shape[1:]))
+            return np.concatenate([derivative(joint[:n]), identity], axis=1)
+
+        return slope
+
+    @cached_property
+    def _stacks(self) -> dict[int, "Sensor"]:
+        return {}
+
+    def times(self, count: int) -> "Sensor":
+        """The sensor that gives ``count`` readings at once, about the places (p, count, *batch)."""
+        if count not in self._stacks:
+            slope = self.slope
+            self._stacks[count] = replace(
+                self,
+                space=self.space.repeat(count),
+                measure=lambda state, place: _in_turn(self.measure, state, place),
+                noise_cov=np.kron(np.eye(count), self.noise_cov),
+                slope=None if slope is None else lambda state, place: _in_turn(slope, state, place),
+            )
+        return self._stacks[count]
+
+
+def _in_turn(function: Callable[[Array, Array], Any], state: Array, place: Array) -> Any:
+    results: list[Sequence[Any]] = [function(state, place[:, k]) for k in range(place.shape[1])]
+    return tuple(part for result in results for part in result)

@@ -1,0 +1,87 @@
+"""What was there and what was measured, on one time line; and what a filter made of it."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.space import Array
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings in the order of time.
+
+    step: (N,) the step each is taken at, ascending; several may share one. values: (m, N, runs), NaN where a run
+    has none. target: (N, runs), the number of the place that each is about, 0 where there is no choice.
+    """
+
+    step: Array
+    values: Array
+    target: Array
+
+    def bounds(self, steps: int) -> Array:
+        """Readings bounds[k] to bounds[k + 1] are taken at step k; (steps + 1,)."""
+        return np.searchsorted(self.step, np.arange(steps + 1))
+
+
+@dataclass(frozen=True)
+class Record:
+    """An ensemble of runs on one time line.
+
+    start: the time of the prior [s]. time: (T,) [s], ascending from start. truth: (n, T, runs), NaN where not known.
+    control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at
+    start, mean (n, runs) and cov (n, n). files: what was read. remarks: what a reader of the results must know.
+    places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
+    """
+
+    start: float
+    time: Array
+    truth: Array
+    control: Array
+    readings: Readings
+    prior: Gaussian
+    files: tuple[Path, ...] = ()
+    remarks: tuple[str, ...] = ()
+    places: Array = field(default_factory=lambda: np.empty((0, 1)))
+    raw: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def runs(self) -> int:
+        return int(self.prior.mean.shape[1])
+
+    def first(self, steps: int | None) -> "Record":
+        """The record up to this many steps."""
+        if steps is None or steps >= self.time.size:
+            return self
+        kept = int(np.searchsorted(self.readings.step, steps))
+        readings = Readings(
+            self.readings.step[:kept], self.readings.values[:, :kept], self.readings.target[:kept]
+        )
+        return replace(
+            self,
+            time=self.time[:steps],
+            truth=self.truth[:, :steps],
+            control=self.control[:, :steps],
+            readings=readings,
+        )
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """A filter's belief after each step, and how the readings fitted.
+
+    mean: (n, T, runs). cov: (n, n, T, runs). nis: (T, runs), the normalised innovation squared summed over the step's
+    readings. nis_size: (T, runs), how many numbers were measured, the degrees of freedom of nis.
+    """
+
+    mean: Array
+    cov: Array
+    nis: Array
+    nis_size: Array
+
+    @property
+    def diverged(self) -> Array:
+        """(runs,) true where the belief became non-finite or its covariance not positive definite."""
+        return ~np.isfinite(self.mean).all(axis=(0, 1)) | ~np.isfinite(self.cov).all(axis=(0, 1, 2))

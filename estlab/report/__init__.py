@@ -1,0 +1,1 @@
+"""Tables, plots and terminal output, drawn from a run directory alone."""

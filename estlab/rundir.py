@@ -1,0 +1,155 @@
+"""The run directory's contract: its files, how they are written, its status and its provenance."""
+
+import json
+import logging
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+
+from estlab import __version__
+from estlab.datasets.whole import write_whole
+from estlab.errors import UserError
+
+State = Literal["running", "ok", "failed", "interrupted"]
+
+CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
+ERRORS, NEES, NIS, METRICS, ESTIMATES, PLOTS = "errors.csv", "nees.csv", "nis.csv", "metrics.csv", "estimates.npz", "plots"
+
+_PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
+# The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.
+_STATUS_BYTES = 2048
+
+
+class RunDirectory:
+    """A directory that one run has to itself. Every file in it is written whole or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        """Claim a directory, which is made if it is not there.
+
+        Raises UserError if another run has it or it cannot be written.
+        """
+        self.path = path
+        self._began = time.time()
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            with open(path / STATUS, "xb") as stream:
+                stream.write(self._status("running"))
+        except FileExistsError as error:
+            if not path.is_dir():
+                raise UserError(f"{path}: a file stands where the run directory should be; set hydra.run.dir or output") from error
+            raise UserError(f"{path}: holds a run already; give this one another hydra.run.dir") from error
+        except OSError as error:
+            raise UserError(f"{path}: the run directory cannot be written ({error.strerror}); set output to another folder") from error
+
+    def finish(self, state: State, message: str = "") -> None:
+        """Set the final status, in place if there is no room for a new file."""
+        status = self._status(state, message)
+        try:
+            write_whole(self.path / STATUS, lambda stream: stream.write(status))
+        except OSError:
+            with open(self.path / STATUS, "r+b") as stream:
+                stream.write(status)
+
+    @contextmanager
+    def logged(self) -> Iterator[None]:
+        """Send what estlab logs to log.txt, and the traceback of whatever is raised."""
+        logging.raiseExceptions = False  # a full disk is reported once, by the file that matters
+        handler = logging.FileHandler(self.path / LOG, encoding="utf-8")
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        logger = logging.getLogger("estlab")
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+        logger.addHandler(handler)
+        try:
+            yield
+        except BaseException:
+            logger.exception("the run ended early")
+            raise
+        finally:
+            logger.removeHandler(handler)
+            handler.close()
+
+    def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
+        """Write a file of the directory; folders in its name are made."""
+        path = self.path / name
+        path.parent.mkdir(exist_ok=True)
+        return write_whole(path, write)
+
+    def write_text(self, name: str, text: str) -> Path:
+        """:meth:`write` for text."""
+        return self.write(name, lambda stream: stream.write(text.encode()))
+
+    def write_provenance(self, command: list[str], seed: int, files: Iterable[Path], **facts: Any) -> Path:
+        """run.json: all that is needed to know what ran, on what, and from which data."""
+        record = {
+            "estlab": __version__,
+            "python": platform.python_version(),
+            "packages": {name: _version(name) for name in _PACKAGES},
+            "git": _git_state(Path(__file__).parent),
+            "machine": {"node": platform.node(), "system": platform.platform(), "cores": os.cpu_count()},
+            "command": command,
+            "seed": seed,
+            "data": [{"file": str(path.resolve()), "sha256": sha256(path.read_bytes()).hexdigest()} for path in files],
+            "began": datetime.fromtimestamp(self._began).astimezone().isoformat(),
+            "wall_time_s": round(time.time() - self._began, 3),
+            "peak_memory_mb": round(_peak_memory() / 2**20, 1),
+            **facts,
+        }
+        return self.write_text(RUN, json.dumps(record, indent=2) + "\n")
+
+    def link_latest(self, root: Path) -> None:
+        """Make ``latest`` in the folder of all runs point here. A system without symbolic links goes without."""
+        if not self.path.resolve().is_relative_to(root.resolve()):
+            return
+        link = root / f".latest.{os.getpid()}"
+        try:
+            link.symlink_to(self.path.resolve().relative_to(root.resolve()), target_is_directory=True)
+            os.replace(link, root / "latest")
+        except OSError:
+            link.unlink(missing_ok=True)
+
+    def _status(self, state: State, message: str = "") -> bytes:
+        stamp = {"status": state, "began": _iso(self._began), "pid": os.getpid()}
+        if state != "running":
+            stamp |= {"ended": _iso(time.time()), "error": message[:1000]}
+        return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
+
+
+def _iso(stamp: float) -> str:
+    return datetime.fromtimestamp(stamp).astimezone().isoformat()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _git_state(folder: Path) -> dict[str, object] | None:
+    """Commit and whether the tree differs from it, where estlab runs from a checkout; else None."""
+    if not (folder.parent / ".git").exists():
+        return None
+    try:
+        ask = ["git", "-C", str(folder.parent)]
+        commit = subprocess.run([*ask, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10, check=True)
+        changes = subprocess.run([*ask, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return {"commit": commit.stdout.strip(), "dirty": bool(changes.stdout.strip())}
+
+
+def _peak_memory() -> int:
+    """Bytes. The kernel counts in kB, macOS in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

@@ -1,0 +1,215 @@
+"""Tracking a car with a LIDAR. Seed document 000, problem III."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estlab.datasets import matlab
+from estlab.errors import UserError
+from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.space import Array, Space
+from estlab.maths.streams import Streams
+from estlab.models import lidar, vehicle
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SPEED, HEADING, LENGTH, WIDTH = 2, 3, 4, 5
+
+# The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, out of its way,
+# past it, round behind it and away.
+_SCRIPT = (
+    (3.5, 0.0, 0.0),
+    (6.0, -2.4, 0.0),
+    (7.5, 0.0, -30.0),
+    (9.0, 0.0, 30.0),
+    (11.5, 0.0, 0.0),
+    (14.0, 1.0, -20.0),
+    (16.0, 2.5, 0.0),
+    (17.5, 1.0, 20.0),
+    (np.inf, 0.0, 0.0),
+)
+
+
+@dataclass(frozen=True)
+class Car(Scenario):
+    """A manoeuvring car as a rectangle; its LIDAR frames give two bearings and a range."""
+
+    dt: float
+    duration: float
+    truth: Literal["manoeuvre", "model"]
+    initial: Literal["drawn", "document"]
+    process_sd: list[float]
+    measurement_sd: list[float]
+    initial_mean: list[float]
+    initial_sd: list[float]
+    smallest: float
+    lidar_range_sd: float
+    lidar_bearing_sd: float
+    acceleration_sd: float
+    turn_rate_sd: float
+
+    def __post_init__(self) -> None:
+        check_positive(dt=self.dt, duration=self.duration, smallest=self.smallest)
+        check_positive(lidar_range_sd=self.lidar_range_sd, lidar_bearing_sd=self.lidar_bearing_sd)
+        check_positive(acceleration_sd=self.acceleration_sd, turn_rate_sd=self.turn_rate_sd)
+        check_sds("process_sd", self.process_sd, 6)
+        check_sds("measurement_sd", self.measurement_sd, 3)
+        check_sds("initial_sd", self.initial_sd, 6)
+        if len(self.initial_mean) != 6:
+            raise ValueError(f"initial_mean must have 6 numbers, got {len(self.initial_mean)}")
+
+    @property
+    def space(self) -> Space:
+        return vehicle.SPACE
+
+    def motion(self, noise: Scales) -> Motion:
+        cov = noise.process_scale**2 * diagonal_cov(self.process_sd)
+        return Motion(vehicle.SPACE, vehicle.drive, lambda control, dt: cov / dt, 6, vehicle.drive_jacobians)
+
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
+        return Sensor(vehicle.READING, vehicle.SPACE, vehicle.extent, cov, places)
+
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        time = self.dt * np.arange(round(self.duration / self.dt))
+        begin, truth = self._drive(streams, runs, time, noise.process_scale)
+        raw: dict[str, Array] = {}
+        if self.truth == "model":
+            sensor = self.sensor(noise, np.empty((0, 1)))
+            blur = streams.normals("readings", runs, (3, time.size)) * np.sqrt(np.diag(sensor.noise_cov))[:, None, None]
+            values = sensor.space.plus(sensor.read(truth, np.empty(0)), blur)
+        else:
+            values, raw = self._scan(streams, runs, truth, noise.measurement_scale)
+        return self._record(time, truth, values, self._prior(streams, runs, begin), raw)
+
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        data, states = folder / f"{prefix}problem3data.mat", folder / f"{prefix}problem3truth.mat"
+        frames = matlab.read_struct(data, "z", "lidar")
+        points = [_frame(data, i, frame["z"]) for i, frame in enumerate(frames)]
+        time = _frame_times(data, frames, self.dt)
+        truth = np.stack([_state(states, i, s["x"]) for i, s in enumerate(matlab.read_struct(states, "x"))], axis=1)
+        if truth.shape[1] != time.size:
+            raise UserError(f"{states}: {truth.shape[1]} states for the {time.size} frames of {data.name}; they must be as many")
+        owner = np.repeat(np.arange(time.size), [p.shape[1] for p in points])
+        raw = {"points": np.concatenate(points, axis=1), "owner": owner}
+        values = lidar.measure_frames(raw["points"], owner, time.size)
+        begin = np.stack(vehicle.drive(truth[:, 0], np.empty(0), np.zeros(6), -self.dt))
+        every = len(runs)
+        return self._record(
+            time,
+            np.repeat(truth[:, :, None], every, axis=2),
+            np.repeat(values[:, :, None], every, axis=2),
+            self._prior(streams, runs, np.repeat(begin[:, None], every, axis=1)),
+            raw,
+            files=(data, states),
+        )
+
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        if "points" not in record.raw:
+            raise UserError("scenario.truth=model makes no LIDAR frames to write; use scenario.truth=manoeuvre")
+        points, owner = record.raw["points"], record.raw["owner"]
+        edges = np.searchsorted(owner, np.arange(record.time.size + 1))
+        frames = [{"z": points[:, a:b].T, "t": t} for a, b, t in zip(edges, edges[1:], record.time, strict=False)]
+        states = [{"x": x, "t": t} for x, t in zip(record.truth[:, :, 0].T[:, :, None], record.time, strict=True)]
+        return [
+            matlab.write_struct(folder / f"{prefix}problem3data.mat", "lidar", frames),
+            matlab.write_struct(folder / f"{prefix}problem3truth.mat", "car", states),
+        ]
+
+    def draw(self, axes: "Axes", history: History) -> None:
+        first, last, distance = history.values
+        middle = first + 0.5 * vehicle.READING.minus(history.values[1:2].repeat(2, 0), history.values[:1].repeat(2, 0))[0]
+        axes.plot(
+            distance * np.cos(middle), distance * np.sin(middle), ".", color="0.6", ms=3, label="smallest range, middle bearing"
+        )
+        axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
+        shown = np.arange(0, history.time.size, max(1, history.time.size // 14))
+        for states, colour in ((history.truth, "black"), (history.mean, "C0")):
+            outline = vehicle.corners(states[:, shown])
+            closed = np.concatenate([outline, outline[:, :1]], axis=1)
+            axes.plot(closed[0], closed[1], color=colour, lw=0.9)
+
+    def _drive(self, streams: Streams, runs: Sequence[int], time: Array, scale: float) -> tuple[Array, Array]:
+        """The state at -dt (6, runs) and at each time (6, T, runs)."""
+        start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
+        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
+        begin = nominal[:, None] + spread[:, None] * start
+        rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
+        if self.truth == "model":
+            rates = rates * np.asarray(self.process_sd)[:, None]
+        else:
+            rates = rates * np.array([0.0, 0.0, self.acceleration_sd, self.turn_rate_sd, 0.0, 0.0])[:, None]
+            script = np.array([next(row[1:] for row in _SCRIPT if t <= row[0]) for t in time])
+            rates[:, SPEED] += script[:, :1]
+            rates[:, HEADING] += np.radians(script[:, 1:])
+        truth = np.empty((6, time.size, len(runs)))
+        state = begin
+        for k in range(time.size):
+            state = np.stack(vehicle.drive(state, np.empty(0), rates[k], self.dt))
+            truth[:, k] = state
+        return begin, vehicle.SPACE.plus(truth, np.zeros(1))
+
+    def _scan(self, streams: Streams, runs: Sequence[int], truth: Array, scale: float) -> tuple[Array, dict[str, Array]]:
+        """The measurements (3, T, runs) from noisy frames, and the frames of the first run."""
+        steps = truth.shape[1]
+        points, owner = lidar.cast(np.swapaxes(truth, 1, 2).reshape(6, -1))
+        edges = np.searchsorted(owner, steps * np.arange(len(runs) + 1))
+        blur = [streams.generator("readings", run).standard_normal((2, b - a)) for run, a, b in zip(runs, edges, edges[1:], strict=False)]
+        sds = scale * np.array([self.lidar_range_sd, self.lidar_bearing_sd])
+        points = points + sds[:, None] * np.concatenate(blur, axis=1)
+        values = lidar.measure_frames(points, owner, steps * len(runs))
+        first = slice(0, edges[1])
+        return values.reshape(3, len(runs), steps).swapaxes(1, 2), {"points": points[:, first], "owner": owner[first]}
+
+    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
+        cov = diagonal_cov(self.initial_sd)
+        if self.initial == "document":
+            return Gaussian(np.repeat(np.array(self.initial_mean, dtype=float)[:, None], len(runs), axis=1), cov)
+        # No car is of negative size: of several draws of the initial error, each run takes the first that leaves
+        # length and width at the smallest or more.
+        draws = streams.normals("prior", runs, (6, 40))
+        candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), draws)
+        fits = (candidates[LENGTH:] >= self.smallest).all(axis=0)
+        mean = np.take_along_axis(candidates, fits.argmax(axis=0)[None, None], axis=1)[:, 0]
+        mean[LENGTH:] = np.maximum(mean[LENGTH:], self.smallest)
+        return Gaussian(mean, cov)
+
+    def _record(
+        self, time: Array, truth: Array, values: Array, prior: Gaussian, raw: dict[str, Array], files: tuple[Path, ...] = ()
+    ) -> Record:
+        readings = Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int))
+        control = np.empty((0, time.size, 1))
+        return Record(float(time[0]) - self.dt, time, truth, control, readings, prior, files, raw=raw)
+
+
+def _frame(path: Path, index: int, points: Array) -> Array:
+    """One frame's points (2, N), empty where the LIDAR saw nothing."""
+    if points.size == 0:
+        return np.empty((2, 0))
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise UserError(f"{path}: lidar({index + 1}).z must be finite and N x 2, range [m] and bearing [rad]; it is {points.shape}")
+    return points.T
+
+
+def _frame_times(path: Path, frames: list[dict[str, Array]], dt: float) -> Array:
+    if "t" not in frames[0]:
+        return dt * np.arange(len(frames))
+    if any(frame["t"].size != 1 for frame in frames):
+        raise UserError(f"{path}: every lidar(i).t must be one number, the frame's time [s]")
+    time = np.array([frame["t"].item() for frame in frames])
+    if not (np.diff(time) > 0.0).all():
+        raise UserError(f"{path}: lidar({int(np.argmin(np.diff(time) > 0.0)) + 2}).t does not come after the frame before; sort the frames")
+    return time
+
+
+def _state(path: Path, index: int, state: Array) -> Array:
+    if state.size != 6 or not np.isfinite(state).all():
+        raise UserError(f"{path}: element {index + 1} field x must be six finite numbers [x y speed heading length width]")
+    return state.reshape(6)

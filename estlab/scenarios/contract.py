@@ -1,0 +1,111 @@
+"""What every problem answers. Adding one is a class with these answers and a YAML file with its numbers."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estlab.maths.space import Array, Space
+from estlab.maths.streams import Streams
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Factors on the standard deviations of process and measurement noise."""
+
+    process_scale: float
+    measurement_scale: float
+
+    def __post_init__(self) -> None:
+        check_positive(process_scale=self.process_scale, measurement_scale=self.measurement_scale)
+
+
+@dataclass(frozen=True)
+class History:
+    """One run as it is drawn: all that a problem's own pictures may use.
+
+    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
+    places: (p, L).
+    """
+
+    time: Array
+    truth: Array
+    mean: Array
+    cov: Array
+    step: Array
+    values: Array
+    target: Array
+    places: Array
+
+
+class Scenario(ABC):
+    """A problem: its spaces and models, where its records come from, and how it looks."""
+
+    @property
+    def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
+        """How several readings at one time are applied, and the pause [s] between them; see estlab.filters.loop."""
+        return "sequential", 0.0
+
+    @property
+    @abstractmethod
+    def space(self) -> Space:
+        """Of the state."""
+
+    @abstractmethod
+    def motion(self, noise: Scales) -> Motion:
+        """The motion model as assumed with these noises."""
+
+    @abstractmethod
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        """The sensor as assumed with these noises, among a record's places."""
+
+    @abstractmethod
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        """Truth and readings of the runs with these numbers."""
+
+    @abstractmethod
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        """The recording in a folder, in the original file layout, the same for each of the runs but for the prior's error.
+
+        Raises UserError that names the file and the remedy.
+        """
+
+    @abstractmethod
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        """Write run 0 of a record in the original file layout; the files written."""
+
+    @abstractmethod
+    def draw(self, axes: "Axes", history: History) -> None:
+        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
+
+
+def check_positive(**values: float) -> None:
+    """Raise ValueError, naming the key, for the first value that is not positive and finite."""
+    for name, value in values.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ValueError(f"{name} must be > 0 and finite, got {value:g}")
+
+
+def check_sds(name: str, values: Sequence[float], size: int) -> None:
+    """Raise ValueError unless there are ``size`` positive standard deviations: their covariance is positive definite."""
+    if len(values) != size:
+        raise ValueError(f"{name} must have {size} numbers, got {len(values)}")
+    for i, value in enumerate(values):
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ValueError(f"{name}[{i}] must be > 0 and finite for a positive definite covariance, got {value:g}")
+
+
+def diagonal_cov(sds: Sequence[float]) -> Array:
+    """The covariance (n, n) of independent components with these standard deviations."""
+    return np.diag(np.square(np.asarray(sds, dtype=float)))
+
+

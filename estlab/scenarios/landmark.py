@@ -1,0 +1,222 @@
+"""A wheeled robot among landmarks whose barcodes it reads. Seed document 003; the UTIAS data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estlab.datasets import mrclam
+from estlab.datasets.truth import on_timeline, trusted_heading
+from estlab.errors import UserError
+from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.space import Array, Space, wrap
+from estlab.maths.streams import Streams
+from estlab.models import landmarks, unicycle
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The simulated room: fifteen landmarks along its walls and between, and the tour's corners, all in metres.
+_LANDMARKS = np.array(
+    [
+        [-0.6, -4.8], [2.1, -5.4], [5.0, -4.9], [6.3, -2.6], [6.1, 0.4],
+        [6.4, 3.2], [4.6, 5.3], [1.8, 5.1], [-0.9, 5.0], [-1.8, 2.4],
+        [-1.5, -0.5], [-1.7, -2.9], [2.6, -1.9], [1.3, 1.6], [3.5, 2.0],
+    ]
+).T  # fmt: skip
+_BARCODES = np.array([63, 25, 45, 16, 61, 36, 18, 9, 72, 70, 81, 54, 27, 7, 90])
+_TOUR = np.array([[0.5, -3.6], [3.9, -3.4], [4.7, -0.4], [4.6, 3.4], [2.3, 3.5], [2.4, 0.1], [0.2, 0.5], [0.3, 3.2], [-0.4, -1.6]]).T
+_ARRIVED = 0.4  # [m] from a corner of the tour
+
+
+@dataclass(frozen=True)
+class Landmark(Scenario):
+    """Range and bearing to landmarks known by their barcodes; simulated room or MRCLAM files."""
+
+    dt: float
+    duration: float
+    reading_every: int
+    max_range: float
+    field_of_view: float
+    dropped: float
+    speed: float
+    process_sd: list[float]
+    measurement_sd: list[float]
+    initial_sd: list[float]
+    initial: Literal["drawn", "truth"]
+    update: Literal["sequential", "stacked", "interleaved"]
+    interleave_dt: float
+    truth_gap: float
+    unknown_barcodes: float
+
+    def __post_init__(self) -> None:
+        check_positive(dt=self.dt, duration=self.duration, max_range=self.max_range, speed=self.speed)
+        check_positive(interleave_dt=self.interleave_dt, truth_gap=self.truth_gap)
+        check_sds("process_sd", self.process_sd, 2)
+        check_sds("measurement_sd", self.measurement_sd, 2)
+        check_sds("initial_sd", self.initial_sd, 3)
+        if self.reading_every < 1:
+            raise ValueError(f"reading_every must be >= 1, got {self.reading_every}")
+        if not 0.0 < self.field_of_view <= 2.0 * np.pi:
+            raise ValueError(f"field_of_view must be > 0 and at most 2 pi [rad], got {self.field_of_view:g}")
+        for name, share in (("dropped", self.dropped), ("unknown_barcodes", self.unknown_barcodes)):
+            if not 0.0 <= share <= 1.0:
+                raise ValueError(f"{name} must be a share from 0 to 1, got {share:g}")
+
+    @property
+    def space(self) -> Space:
+        return unicycle.SPACE
+
+    @property
+    def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
+        return self.update, self.interleave_dt
+
+    def motion(self, noise: Scales) -> Motion:
+        sd_v, sd_w = (noise.process_scale * sd for sd in self.process_sd)
+        return Motion(
+            unicycle.SPACE,
+            unicycle.arc,
+            lambda control, dt: unicycle.white_noise_cov(sd_v, sd_w, dt),
+            2,
+            unicycle.arc_jacobians,
+        )
+
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
+        return Sensor(
+            landmarks.SPACE, unicycle.SPACE, landmarks.range_bearing, cov, places, landmarks.range_bearing_slope
+        )
+
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        steps = round(self.duration / self.dt)
+        time = self.dt * np.arange(1, steps + 1)
+        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
+        truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
+        readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
+        return Record(0.0, time, truth, control, readings, self._prior(streams, runs, begin), places=_LANDMARKS)
+
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        recording = mrclam.read(folder, prefix, self.unknown_barcodes)
+        known = _trusted(recording.truth, self.truth_gap)
+        origin, start = self._start(recording, known)
+        odometry_time = recording.odometry[:, 0] - origin
+        reading_time = recording.reading_time - origin
+        late = reading_time > start
+        time = np.unique(np.concatenate([odometry_time[odometry_time > start], reading_time[late]]))
+        before = np.concatenate([[start], time[:-1]])
+        held = np.searchsorted(odometry_time, before, side="right") - 1
+        truth = self._truth_at(time + origin, recording.truth, known)
+        every = len(runs)
+        readings = Readings(
+            np.searchsorted(time, reading_time[late]),
+            recording.readings[:, late, None].repeat(every, axis=2),
+            recording.target[late, None].repeat(every, axis=1),
+        )
+        begin = self._truth_at(np.array([start + origin]), recording.truth, known).repeat(every, axis=1)
+        return Record(
+            start,
+            time,
+            truth[:, :, None].repeat(every, axis=2),
+            recording.odometry[held, 1:].T[:, :, None],
+            readings,
+            self._prior(streams, runs, begin),
+            recording.files,
+            (*recording.remarks, *_truth_remarks(truth)),
+            recording.landmarks,
+        )
+
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        time = np.concatenate([[record.start], record.time])
+        control = np.concatenate([record.control[:, :, 0].T, np.zeros((1, 2))])
+        seen = np.isfinite(record.readings.values[:, :, 0]).all(axis=0)
+        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])
+        recording = mrclam.Recording(
+            odometry=np.column_stack([time, control]),
+            truth=np.column_stack([time, np.concatenate([begin[None], record.truth[:, :, 0].T])]),
+            reading_time=record.time[record.readings.step[seen]],
+            readings=record.readings.values[:, seen, 0],
+            target=record.readings.target[seen, 0],
+            landmarks=_LANDMARKS,
+            subjects=mrclam.FIRST_LANDMARK + np.arange(_LANDMARKS.shape[1]),
+            barcodes=_BARCODES,
+            files=(),
+        )
+        return mrclam.write(recording, folder, prefix)
+
+    def draw(self, axes: "Axes", history: History) -> None:
+        seen = landmarks.seen_at(history.mean[:, history.step], history.values)
+        axes.plot(seen[0], seen[1], ".", color="C1", ms=2, alpha=0.4, label="readings, placed from the estimate")
+        axes.plot(history.places[0], history.places[1], "ks", ms=6, label="landmarks")
+
+    def _tour(
+        self, streams: Streams, runs: Sequence[int], begin: Array, steps: int, motion: Motion
+    ) -> tuple[Array, Array]:
+        """A robot steered from corner to corner of the tour: truth (3, T, runs), commands (2, T, runs)."""
+        blur = streams.normals("truth", runs, (steps, 2))
+        truth, control = np.empty((3, steps, len(runs))), np.empty((2, steps, len(runs)))
+        pose, goal = begin, np.ones(len(runs), dtype=int)
+        for k in range(steps):
+            dx, dy = _TOUR[:, goal] - pose[:2]
+            turn = wrap(np.arctan2(dy, dx) - pose[2])
+            command = np.stack([self.speed * np.maximum(np.cos(turn), 0.2), np.clip(2.0 * turn, -1.0, 1.0)])
+            sds = np.sqrt(np.diag(motion.noise_cov(command, self.dt)))
+            pose = motion.space.plus(motion.step(pose, command, sds[:, None] * blur[k], self.dt), np.zeros(1))
+            truth[:, k], control[:, k] = pose, command
+            goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _TOUR.shape[1], goal)
+        return truth, control
+
+    def _readings(self, streams: Streams, runs: Sequence[int], truth: Array, sensor: Sensor) -> Readings:
+        """What is in sight at every few steps, less what is dropped, in as many slots as the busiest run needs."""
+        when = np.arange(self.reading_every - 1, truth.shape[1], self.reading_every)
+        marks = _LANDMARKS.shape[1]
+        shape = (marks, when.size, len(runs))
+        at = np.broadcast_to(truth[:, when][:, None], (3, *shape))
+        exact = sensor.read(at, _LANDMARKS[:, :, None, None])
+        sds = np.sqrt(np.diag(sensor.noise_cov))[:, None, None, None]
+        noisy = sensor.space.plus(exact, sds * streams.normals("readings", runs, (2, marks, when.size)))
+        bearing = sensor.space.minus(exact, np.zeros(1))[1]
+        kept = streams.uniforms("dropped", runs, (marks, when.size)) >= self.dropped
+        in_sight = (exact[0] < self.max_range) & (np.abs(bearing) <= 0.5 * self.field_of_view) & kept
+        # Each run's readings move up to its first slots; a step has as many slots as its busiest run.
+        order = np.argsort(~in_sight, axis=0, kind="stable")
+        values = np.where(in_sight, noisy, np.nan)
+        values = np.take_along_axis(values, order[None], axis=1)
+        slots = in_sight.sum(axis=0).max(axis=-1)
+        used = np.arange(marks)[:, None] < slots
+        reading, slot = np.nonzero(used.T)
+        return Readings(when[reading], values[:, slot, reading], order[slot, reading])
+
+    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
+        cov = diagonal_cov(self.initial_sd)
+        if self.initial == "truth":
+            return Gaussian(begin, cov)
+        return Gaussian(draw(unicycle.SPACE, Gaussian(begin, cov), streams.normals("prior", runs, (3,))), cov)
+
+    def _truth_at(self, time: Array, truth: Array, known: Array) -> Array:
+        """Pose (3, T): NaN over gaps; a heading that is not to be trusted is NaN while the position stays."""
+        pose = on_timeline(time, truth[:, 0], truth[:, 1:].T, (2,), self.truth_gap)
+        good = on_timeline(time, truth[:, 0], known[None].astype(float), (), self.truth_gap)
+        pose[2, ~(good[0] == 1.0)] = np.nan
+        return pose
+
+    def _start(self, recording: mrclam.Recording, known: Array) -> tuple[float, float]:
+        """The origin of time, and the first odometry time after it at which the truth is known."""
+        time = recording.odometry[:, 0]
+        fixed = np.isfinite(self._truth_at(time, recording.truth, known)).all(axis=0)
+        if not fixed.any():
+            raise UserError(f"{recording.files[2]}: no trusted truth at any time of {recording.files[0].name}; are they one robot's?")
+        return float(time[0]), float(time[fixed.argmax()] - time[0])
+
+
+def _trusted(truth: Array, gap: float) -> Array:
+    return trusted_heading(*truth.T, gap)
+
+
+def _truth_remarks(truth: Array) -> tuple[str, ...]:
+    place, heading = np.isfinite(truth[0]).mean(), np.isfinite(truth[2]).mean()
+    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}",) if heading < 1.0 else ()
