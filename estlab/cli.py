@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
@@ -61,7 +62,9 @@ def _dispatch(arguments: list[str]) -> int:
     elif command == "list":
         return _list(rest)
     elif command in ("run", "sweep"):
-        return _hydra([*(["--multirun"] if command == "sweep" else []), *rest], _run_job)
+        return _hydra(
+            [*(["--multirun"] if command == "sweep" else []), *rest], partial(_run_job, ["estlab", *arguments])
+        )
     elif command == "simulate":
         # It makes no run directory, so Hydra's is where the user stands.
         return _hydra(["hydra.run.dir=.", *rest], _simulate_job)
@@ -70,7 +73,9 @@ def _dispatch(arguments: list[str]) -> int:
     else:
         from estlab.config import nearest
 
-        raise UserError(f"there is no command {command}{nearest(command, ['run', 'sweep', 'simulate', 'list'])} (see estlab --help)")
+        raise UserError(
+            f"there is no command {command}{nearest(command, ['run', 'sweep', 'simulate', 'list'])} (see estlab --help)"
+        )
     return OK
 
 
@@ -112,15 +117,19 @@ def _complete(arguments: list[str]) -> int:
     words = line.split()
     at_second = len(words) < 2 or (len(words) == 2 and not line.endswith(" "))
     if not any(argument.startswith("query=") for argument in arguments):
-        return _hydra(["-sc", *arguments], _run_job)
+        return _hydra(["-sc", *arguments], _simulate_job)
     if at_second:
-        print(" ".join(w for w in ("run", "sweep", "simulate", "list") if w.startswith(words[1] if len(words) > 1 else "")))
+        print(
+            " ".join(
+                w for w in ("run", "sweep", "simulate", "list") if w.startswith(words[1] if len(words) > 1 else "")
+            )
+        )
         return OK
     if words[1] == "list":
         print(" ".join(_GROUPS))
         return OK
     os.environ["COMP_LINE"] = re.sub(r"^(\s*\S+\s+)\S+\s", r"\1", line, count=1)
-    return _hydra(["-sc", *arguments], _run_job)
+    return _hydra(["-sc", *arguments], _simulate_job)
 
 
 def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
@@ -130,16 +139,19 @@ def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     from omegaconf.errors import OmegaConfBaseException
 
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
-    # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
-    os.environ["HYDRA_FULL_ERROR"] = "1"
     signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
 
     def task(config: "DictConfig") -> None:
-        codes.append(job(config))
+        try:
+            codes.append(job(config))
+        except UserError as error:
+            codes.append(_complain(str(error)))
 
     sys.argv = ["estlab", *arguments]
     try:
+        # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
+        os.environ["HYDRA_FULL_ERROR"] = "1"
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except (HydraException, OmegaConfBaseException, ValueError) as error:
         if traceback_wanted:
@@ -148,9 +160,13 @@ def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except OSError as error:
         if traceback_wanted:
             raise
-        raise UserError(f"{error.filename}: cannot be written ({error.strerror}); set output to another folder") from error
+        raise UserError(
+            f"{error.filename}: cannot be written ({error.strerror}); set output to another folder"
+        ) from error
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
+    finally:
+        os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
 
 
@@ -158,7 +174,7 @@ def _interrupt(number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def _run_job(config: "DictConfig") -> int:
+def _run_job(command: list[str], config: "DictConfig") -> int:
     """One run: its exit code. Says what is wrong in one line and never raises but for an interruption."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
@@ -170,15 +186,15 @@ def _run_job(config: "DictConfig") -> int:
         settings, names = _settings(config)
         experiment.check(settings)
         directory = rundir.RunDirectory(folder)
-    except UserError as error:
+    except UserError:
         _remove_if_empty(folder)
-        return _complain(str(error))
+        raise
     try:
         with directory.logged():
             directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
             directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
             directory.link_latest(Path(settings.output))
-            experiment.run(settings, names, directory, sys.argv)
+            experiment.run(settings, names, directory, command)
     except KeyboardInterrupt:
         directory.finish("interrupted", "interrupted by the user")
         raise
@@ -216,7 +232,8 @@ def _reason(error: Exception, log: Path) -> str:
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, OSError):
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, make room or set output to another disk"
+        remedy = "the run is incomplete, make room or set output to another disk"
+        return f"{error.filename or log.parent}: {error.strerror}; {remedy}"
     if isinstance(error, MemoryError):
         return "out of memory; lower block_runs, runs or keep_runs"
     return f"internal error, {type(error).__name__}: {error}; the traceback is in {log}"
@@ -235,17 +252,22 @@ def _complain(message: str, code: int = USAGE) -> int:
 
 
 def _one_line(error: Exception, arguments: list[str]) -> str:
-    """Hydra's and OmegaConf's messages, which take several lines, as one that names the key and the nearest known one."""
-    from estlab.config import nearest
+    """Hydra's and OmegaConf's messages, of several lines, as one that names the key and the nearest known one."""
+    from estlab.config import nearest, unknown_key
 
     text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
     if match := re.search(r"Could not override '([^']+)'", text):
-        wrong = match[1].lstrip("+")
-        return f"unknown key {wrong}{nearest(wrong, _known_keys(arguments))}"
-    if match := re.search(r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*))?", text, re.DOTALL):
+        return unknown_key(match[1].lstrip("+"), _known_keys(arguments))
+    if match := re.search(
+        r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*?)\s*(?:Config search path|$))?",
+        text,
+        re.DOTALL,
+    ):
         group, _, option = match[1].rpartition("/")
-        options = re.findall(r"^\s+(\S+)", f"\t{match[2] or ''}", re.MULTILINE)
-        return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (f" (one of {', '.join(options)})" if options else "")
+        options = (match[2] or "").split()
+        return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (
+            f" (one of {', '.join(options)})" if options else ""
+        )
     return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
 
 

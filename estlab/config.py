@@ -76,12 +76,23 @@ def build(config: Node) -> Settings:
 
 def nearest(path: str, known: Sequence[str]) -> str:
     """'; did you mean ...?' for the known name most like a wrong one, or nothing."""
+    known = [name for name in known if not path.startswith(f"{name}.")]
     exact_leaf = [name for name in known if name.rpartition(".")[2] == path.rpartition(".")[2]]
     close = exact_leaf[:1] or difflib.get_close_matches(path, known, n=1, cutoff=0.6)
     if not close:
         leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
-        close = [leaves[leaf] for leaf in difflib.get_close_matches(path.rpartition(".")[2], list(leaves), n=1, cutoff=0.7)]
+        close = [
+            leaves[leaf] for leaf in difflib.get_close_matches(path.rpartition(".")[2], list(leaves), n=1, cutoff=0.7)
+        ]
     return f"; did you mean {close[0]}?" if close else ""
+
+
+def unknown_key(path: str, known: Sequence[str]) -> str:
+    """One line for a key that nothing takes: the nearest that something takes, or what its group does."""
+    group = path.rpartition(".")[0]
+    siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
+    takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
+    return f"unknown key {path}{nearest(path, known) or takes}"
 
 
 def key_paths(config: Any, prefix: str = "") -> list[str]:
@@ -109,7 +120,7 @@ class _Builder:
             if key not in parameters:
                 here = [_join(path, name) for name in parameters]
                 elsewhere = [name for name in self.known if name != _join(path, key)]
-                raise UserError(f"unknown key {_join(path, key)}{nearest(_join(path, key), here + elsewhere)}")
+                raise UserError(unknown_key(_join(path, key), here + elsewhere))
         for key, parameter in parameters.items():
             if key not in node and parameter.default is parameter.empty:
                 raise UserError(f"{_join(path, key)} is missing")
@@ -125,7 +136,7 @@ class _Builder:
             raise UserError(f"{path} must be given, for example {path}=...")
         if isinstance(value, Mapping):
             if "_target_" in value:
-                return self.construct(_resolve(value["_target_"], f"{path}._target_", self.allowed), value, path)
+                return self.construct(_resolve(value["_target_"], hint, f"{path}._target_", self.allowed), value, path)
             if is_dataclass(hint):
                 return self.construct(typing.cast(Callable[..., Any], hint), value, path)
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
@@ -177,20 +188,29 @@ def _check_targets(node: Any, path: str, allowed: tuple[str, ...]) -> None:
 
 def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
     if not any(str(name).startswith(f"{package}.") for package in allowed):
-        raise UserError(f"{path} {name} is refused: it is not in {', '.join(allowed)}; list its package under plugins to allow it")
+        raise UserError(
+            f"{path} {name} is refused: it is not in {', '.join(allowed)}; list its package under plugins to allow it"
+        )
 
 
-def _resolve(name: str, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
-    """The class or function of this dotted name, itself defined in an allowed package."""
+def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
+    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
     module, _, attribute = name.rpartition(".")
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise UserError(f"{path}: there is no {name} ({error})") from error
-    if not (inspect.isclass(found) or inspect.isfunction(found)):
-        raise UserError(f"{path} {name} is not a class or a function")
+    made = (
+        found
+        if inspect.isclass(found)
+        else typing.get_type_hints(found).get("return")
+        if inspect.isfunction(found)
+        else None
+    )
+    if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
+        raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
     _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
-    return found
+    return typing.cast(Callable[..., Any], found)
 
 
 def _join(path: str, key: str) -> str:

@@ -1,4 +1,4 @@
-"""One experiment from settings to a run directory: records, filter, metrics, tables, plots. It assembles and computes nothing."""
+"""One experiment from settings to a run directory. It assembles records, filter, metrics, report; it computes none."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +33,8 @@ class Names:
 
 def check(settings: Settings) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
+    if settings.data.path is not None and settings.data.source == "simulated":
+        raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
     try:
         settings.filter.check(settings.scenario.motion(settings.noise.filter))
     except ValueError as error:
@@ -48,7 +50,8 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     directory.write_provenance(command, settings.seed, ())
     scenario = settings.scenario
     tally, kept, record = _ensemble(settings, names)
-    title = f"{names.scenario} · {names.filter} · {settings.runs} run{'s' * (settings.runs > 1)} × {record.time.size} steps · seed {settings.seed}"
+    ensemble = f"{settings.runs} run{'s' * (settings.runs > 1)} × {record.time.size} steps"
+    title = f"{names.scenario} · {names.filter} · {ensemble} · seed {settings.seed}"
     for remark in record.remarks:
         log.warning(remark)
     log.info("%d of %d runs diverged", tally.diverged.sum(), settings.runs)
@@ -61,7 +64,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     _write_table(directory, rundir.NEES, tally.nees(), names)
     _write_table(directory, rundir.NIS, tally.nis(), names)
     _write_table(directory, rundir.METRICS, rows, names)
-    directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, **kept))
+    directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **kept))
     if settings.plots:
         plots.draw_all(
             directory.path,
@@ -110,7 +113,7 @@ def _ensemble(settings: Settings, names: Names) -> tuple[Tally, dict[str, Array]
 
 
 def _blocks(settings: Settings) -> Iterator[range]:
-    """Runs in blocks; the first holds all runs that are kept, so that what is kept does not depend on the block's size."""
+    """Runs in blocks; the first holds all that are kept, so that these do not depend on the block's size."""
     begin, size = 0, max(settings.block_runs, settings.keep_runs)
     while begin < settings.runs:
         yield range(begin, min(begin + size, settings.runs))

@@ -56,9 +56,7 @@ class Record:
         if steps is None or steps >= self.time.size:
             return self
         kept = int(np.searchsorted(self.readings.step, steps))
-        readings = Readings(
-            self.readings.step[:kept], self.readings.values[:, :kept], self.readings.target[:kept]
-        )
+        readings = Readings(self.readings.step[:kept], self.readings.values[:, :kept], self.readings.target[:kept])
         return replace(
             self,
             time=self.time[:steps],
@@ -84,4 +82,5 @@ class Estimates:
     @property
     def diverged(self) -> Array:
         """(runs,) true where the belief became non-finite or its covariance not positive definite."""
-        return ~np.isfinite(self.mean).all(axis=(0, 1)) | ~np.isfinite(self.cov).all(axis=(0, 1, 2))
+        sound = np.isfinite(self.mean).all(axis=(0, 1)) & np.isfinite(self.cov).all(axis=(0, 1, 2))
+        return np.logical_not(sound)

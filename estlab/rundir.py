@@ -23,7 +23,14 @@ from estlab.errors import UserError
 State = Literal["running", "ok", "failed", "interrupted"]
 
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
-ERRORS, NEES, NIS, METRICS, ESTIMATES, PLOTS = "errors.csv", "nees.csv", "nis.csv", "metrics.csv", "estimates.npz", "plots"
+ERRORS, NEES, NIS, METRICS, ESTIMATES, PLOTS = (
+    "errors.csv",
+    "nees.csv",
+    "nis.csv",
+    "metrics.csv",
+    "estimates.npz",
+    "plots",
+)
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
 # The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.
@@ -46,10 +53,14 @@ class RunDirectory:
                 stream.write(self._status("running"))
         except FileExistsError as error:
             if not path.is_dir():
-                raise UserError(f"{path}: a file stands where the run directory should be; set hydra.run.dir or output") from error
+                raise UserError(
+                    f"{path}: a file stands where the run directory should be; set hydra.run.dir or output"
+                ) from error
             raise UserError(f"{path}: holds a run already; give this one another hydra.run.dir") from error
         except OSError as error:
-            raise UserError(f"{path}: the run directory cannot be written ({error.strerror}); set output to another folder") from error
+            raise UserError(
+                f"{path}: the run directory cannot be written ({error.strerror}); set output to another folder"
+            ) from error
 
     def finish(self, state: State, message: str = "") -> None:
         """Set the final status, in place if there is no room for a new file."""
@@ -72,8 +83,11 @@ class RunDirectory:
         logger.addHandler(handler)
         try:
             yield
-        except BaseException:
-            logger.exception("the run ended early")
+        except KeyboardInterrupt:
+            logger.warning("interrupted")
+            raise
+        except Exception:
+            logger.exception("the run failed")
             raise
         finally:
             logger.removeHandler(handler)
@@ -143,7 +157,9 @@ def _git_state(folder: Path) -> dict[str, object] | None:
     try:
         ask = ["git", "-C", str(folder.parent)]
         commit = subprocess.run([*ask, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10, check=True)
-        changes = subprocess.run([*ask, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True)
+        changes = subprocess.run(
+            [*ask, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True
+        )
     except (OSError, subprocess.SubprocessError):
         return None
     return {"commit": commit.stdout.strip(), "dirty": bool(changes.stdout.strip())}

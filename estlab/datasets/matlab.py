@@ -19,14 +19,18 @@ def read_struct(path: Path, required: str, name: str | None = None) -> list[dict
     from scipy.io import loadmat
 
     wanted = f"a struct array {name or '(i)'} with a field '{required}'"
+    if not path.is_file():
+        raise UserError(
+            f"{path}: no such file; data.path must be the folder that holds it, data.prefix what its name begins with"
+        )
     try:
         variables = loadmat(path)
-    except FileNotFoundError as error:
-        raise UserError(f"{path}: no such file") from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
     except Exception as error:  # scipy raises many kinds for a file that is not MATLAB's
-        raise UserError(f"{path}: not a MATLAB file that can be read; expected {wanted}, saved as version 7 or older") from error
+        raise UserError(
+            f"{path}: not a MATLAB file that can be read; expected {wanted}, saved as version 7 or older"
+        ) from error
     for key, value in variables.items():
         if name in (None, key) and _is_struct(value) and required in value.dtype.names:
             elements = [{f: np.asarray(e[f], dtype=object) for f in value.dtype.names} for e in value.ravel()]

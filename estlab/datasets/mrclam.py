@@ -44,7 +44,7 @@ class Recording:
 
 
 def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
-    """Read one robot's files. Readings of other robots are left out; so are unknown barcodes, up to a share of all readings.
+    """Read one robot's files. Readings of other robots are left out, and unknown barcodes up to a share of all.
 
     Files common to all robots are found with the prefix or without it.
     Raises UserError, naming the file, where one is missing or not as the layout says.
@@ -65,13 +65,17 @@ def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
     index_of = {int(subject): i for i, subject in enumerate(landmarks[:, 0])}
     unplaced = [s for s in subject_of.values() if s >= FIRST_LANDMARK and s not in index_of]
     if unplaced:
-        raise UserError(f"{paths['Landmark_Groundtruth']}: no row for subject {unplaced[0]}, which {paths['Barcodes'].name} names")
+        raise UserError(
+            f"{paths['Landmark_Groundtruth']}: no row for subject {unplaced[0]}, which {paths['Barcodes'].name} names"
+        )
     codes = measurement[:, 1].astype(int)
     remarks = _check_barcodes(paths["Measurement"], paths["Barcodes"], codes, set(subject_of), unknown_share)
     subjects = np.array([subject_of.get(int(code), 0) for code in codes])
     kept = subjects >= FIRST_LANDMARK
     if not kept.any():
-        raise UserError(f"{paths['Measurement']}: no reading of a landmark; check that {paths['Barcodes'].name} belongs to it")
+        raise UserError(
+            f"{paths['Measurement']}: no reading of a landmark; check that {paths['Barcodes'].name} belongs to it"
+        )
     code_of = {subject: code for code, subject in subject_of.items()}
     return Recording(
         odometry=odometry,
@@ -99,7 +103,9 @@ def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
         "Barcodes": ("Subject #    Barcode #", np.column_stack([recording.subjects, recording.barcodes])),
     }
     return [
-        write_text(folder / f"{prefix}{kind}.dat", format_table(("Simulated by estlab simulate", header), rows.astype(float)))
+        write_text(
+            folder / f"{prefix}{kind}.dat", format_table(("Simulated by estlab simulate", header), rows.astype(float))
+        )
         for kind, (header, rows) in tables.items()
     ]
 
@@ -112,7 +118,11 @@ def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
     if not folder.is_dir():
         raise UserError(f"data.path: no folder {folder}")
     prefixes = sorted(p.name.removesuffix("Odometry.dat") for p in folder.glob("*Odometry.dat"))
-    known = f"set data.prefix to one of: {', '.join(repr(p) for p in prefixes)}" if prefixes else "the folder has no *Odometry.dat"
+    known = (
+        f"set data.prefix to one of: {', '.join(repr(p) for p in prefixes)}"
+        if prefixes
+        else "the folder has no *Odometry.dat"
+    )
     raise UserError(f"{candidates[0]}: no such file; {known}")
 
 
@@ -123,6 +133,6 @@ def _check_barcodes(path: Path, barcodes: Path, codes: Array, known: set[int], u
     first = f"{path}:{line_of_row(path, int(unknown[0]))}: barcode {codes[unknown[0]]} is not in {barcodes.name}"
     if unknown.size > unknown_share * codes.size:
         raise UserError(
-            f"{first}, nor are {unknown.size} of {codes.size} readings; check the file, or raise scenario.unknown_barcodes"
+            f"{first}, as for {unknown.size} of {codes.size} readings; check it, or raise scenario.unknown_barcodes"
         )
     return (f"{first}; left out, with {unknown.size - 1} more of {codes.size} readings",)

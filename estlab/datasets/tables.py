@@ -1,6 +1,7 @@
 """Tables of numbers in text files: columns in any white space, ``#`` begins a comment."""
 
 import math
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +18,9 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Array:
     or a cell is not a finite number.
     """
     try:
-        table = np.loadtxt(path, ndmin=2, comments="#", encoding="utf-8")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file is ours to report
+            table = np.loadtxt(path, ndmin=2, comments="#", encoding="utf-8")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:
@@ -36,7 +39,9 @@ def check_times(path: Path, time: Array, repeats: bool = False) -> None:
     if bad.size:
         row = int(bad[0]) + 1
         fault = "goes back" if step[row - 1] < 0.0 else "repeats the line before"
-        raise UserError(f"{path}:{line_of_row(path, row)}: time {time[row]:.3f} {fault}; sort the file by its first column")
+        raise UserError(
+            f"{path}:{line_of_row(path, row)}: time {time[row]:.3f} {fault}; sort the file by its first column"
+        )
 
 
 def line_of_row(path: Path, row: int) -> int:

@@ -12,7 +12,7 @@ _WRONG_BY = 0.5  # [rad]
 
 
 def on_timeline(time: Array, truth_time: Array, truth: Array, angles: tuple[int, ...], gap: float) -> Array:
-    """Truth (n, T) at times (T,), linear between neighbouring samples (n, N); NaN outside and within gaps over ``gap`` [s]."""
+    """Truth (n, T) at times (T,), linear between samples (n, N); NaN outside and within gaps over ``gap`` [s]."""
     after = np.searchsorted(truth_time, time)
     inside = (after > 0) & (after < truth_time.size)
     right = np.clip(after, 1, truth_time.size - 1)

@@ -94,9 +94,7 @@ def extended(noise: Literal["additive", "augmented"]) -> GaussianFilter:
     return GaussianFilter(Linearised(), noise)
 
 
-def unscented(
-    alpha: float, beta: float, kappa: float, noise: Literal["additive", "augmented"]
-) -> GaussianFilter:
+def unscented(alpha: float, beta: float, kappa: float, noise: Literal["additive", "augmented"]) -> GaussianFilter:
     """The unscented Kalman filter with the scaled sigma points. Van der Merwe 2004, algorithms 3.1 and 3.2."""
     return GaussianFilter(Unscented(alpha, beta, kappa), noise)
 

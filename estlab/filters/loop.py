@@ -7,7 +7,6 @@ import numpy as np
 
 from estlab.filters.gaussian import GaussianFilter, Innovation
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.space import Array
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Estimates, Record
 

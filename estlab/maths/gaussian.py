@@ -15,13 +15,13 @@ class Gaussian(NamedTuple):
     cov: Array
 
     def joined(self, noise_cov: Array) -> "Gaussian":
-        """The joint belief in (state, noise), the noise independent, of zero mean and this covariance (q, q, *batch)."""
+        """The joint belief in (state, noise): independent noise of zero mean and this covariance (q, q, *batch)."""
         q = noise_cov.shape[0]
         zeros = np.zeros((q, *self.mean.shape[1:]))
         return Gaussian(np.concatenate([self.mean, zeros]), block_diagonal(self.cov, noise_cov))
 
 
 def draw(space: Space, belief: Gaussian, standard_normal: Array) -> Array:
-    """x = A z + b with A A' = P: Gaussian vectors from standard normal ones (n, *batch). Seed document 000, problem I."""
+    """x = A z + b with A A' = P: Gaussian vectors from standard normal ones (n, *batch). Document 000, problem I."""
     factor = cholesky(belief.cov)
     return space.plus(belief.mean, np.einsum("ik...,k...->i...", factor, standard_normal))

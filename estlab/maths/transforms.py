@@ -6,7 +6,7 @@ This is all in which the members of the Gaussian filter family differ.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class Moments(NamedTuple):
     cross: Array
 
 
+@runtime_checkable
 class Transform(Protocol):
     """A belief through a function."""
 

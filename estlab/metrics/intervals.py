@@ -42,4 +42,5 @@ def chi_square_band(freedom: Array) -> tuple[Array, Array]:
 
     freedom = np.where(np.asarray(freedom) > 0, freedom, np.nan)
     tail = 0.5 * (1.0 - LEVEL)
-    return tuple(2.0 * gammaincinv(0.5 * freedom, p) / freedom for p in (tail, 1.0 - tail))  # type: ignore[return-value]
+    lower, upper = (2.0 * gammaincinv(0.5 * freedom, p) / freedom for p in (tail, 1.0 - tail))
+    return lower, upper

@@ -139,7 +139,15 @@ class Tally:
         def row(metric: str, component: str, unit: str, estimate: Estimate) -> None:
             low, high = estimate.low, estimate.high
             rows.append(
-                {"metric": metric, "component": component, "unit": unit, "value": estimate.value, "ci_low": low, "ci_high": high, "n": estimate.n}
+                {
+                    "metric": metric,
+                    "component": component,
+                    "unit": unit,
+                    "value": estimate.value,
+                    "ci_low": low,
+                    "ci_high": high,
+                    "n": estimate.n,
+                }
             )
 
         for metric in ("rmse", "median_abs_error", "mean_error", "mean_sigma", "inside_3sigma", "scored"):
@@ -153,9 +161,9 @@ class Tally:
             row("median_abs_error", "position", unit, mean_interval(self._runs("position_median")))
             row("scored", "position", "", _share(mean_interval(self._runs("position_scored"))))
         row("scored", "all", "", _share(mean_interval(self._runs("nees_scored"))))
-        row("anees", "all", "", mean_interval(self._runs("anees")))
+        row("anees", "all", "", _not_negative(mean_interval(self._runs("anees"))))
         if self.sums["nis_size"].any():
-            row("anis", "all", "", mean_interval(self._runs("anis")))
+            row("anis", "all", "", _not_negative(mean_interval(self._runs("anis"))))
         row("diverged", "all", "runs", Estimate(int(self.diverged.sum()), np.nan, np.nan, self.diverged.size))
         return rows
 
@@ -194,10 +202,14 @@ def _same(estimate: Estimate) -> Estimate:
 
 def _root(estimate: Estimate) -> Estimate:
     """The root of a mean square; its interval is the root of the mean square's."""
-    value, low, high, n = estimate
-    return Estimate(np.sqrt(value), np.sqrt(max(low, 0.0)) if np.isfinite(low) else np.nan, np.sqrt(high), n)
+    value, low, high, n = _not_negative(estimate)
+    return Estimate(np.sqrt(value), np.sqrt(low), np.sqrt(high), n)
 
 
 def _share(estimate: Estimate) -> Estimate:
     value, low, high, n = estimate
-    return Estimate(value, max(low, 0.0) if np.isfinite(low) else low, min(high, 1.0) if np.isfinite(high) else high, n)
+    return _not_negative(Estimate(value, low, min(high, 1.0) if np.isfinite(high) else high, n))
+
+
+def _not_negative(estimate: Estimate) -> Estimate:
+    return estimate._replace(low=max(estimate.low, 0.0) if np.isfinite(estimate.low) else estimate.low)

@@ -129,7 +129,9 @@ class Sensor:
     def joint_function(self, place: Array, n: int) -> Function:
         """The sensor as a function of (state, noise), the noise added."""
         return Function(
-            lambda points: self.space.plus(self.read(points[:n], place), points[n:]), self.space, self._joint_slope(place, n)
+            lambda points: self.space.plus(self.read(points[:n], place), points[n:]),
+            self.space,
+            self._joint_slope(place, n),
         )
 
     def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Array] | None:

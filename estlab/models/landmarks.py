@@ -9,7 +9,7 @@ SPACE = Space(("range", "bearing"), ("m", "rad"), angles=(1,))
 
 
 def range_bearing(pose: Array, landmark: Array) -> Components:
-    """Range [m] and bearing [rad] from pose (x, y [m], heading [rad]) to landmark (x, y [m]). Thrun et al. 2005, eq. 6.40."""
+    """Range [m] and bearing [rad] from a pose [m, m, rad] to a landmark [m, m]. Thrun et al. 2005, eq. 6.40."""
     x, y, heading = pose
     mark_x, mark_y = landmark
     dx, dy = mark_x - x, mark_y - y

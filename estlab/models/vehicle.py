@@ -29,8 +29,12 @@ def drive(state: Array, control: Array, noise: Array, dt: float) -> Components:
     middle, end = heading + half * turn_rate, heading + dt * turn_rate
     sixth = dt / 6.0
     return (
-        x + dt * rate_x + sixth * (speed * np.cos(heading) + 4.0 * middle_speed * np.cos(middle) + end_speed * np.cos(end)),
-        y + dt * rate_y + sixth * (speed * np.sin(heading) + 4.0 * middle_speed * np.sin(middle) + end_speed * np.sin(end)),
+        x
+        + dt * rate_x
+        + sixth * (speed * np.cos(heading) + 4.0 * middle_speed * np.cos(middle) + end_speed * np.cos(end)),
+        y
+        + dt * rate_y
+        + sixth * (speed * np.sin(heading) + 4.0 * middle_speed * np.sin(middle) + end_speed * np.sin(end)),
         end_speed,
         end,
         length + dt * rate_length,
@@ -63,7 +67,7 @@ def drive_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows
 
 
 def extent(state: Array, place: Array) -> Components:
-    """Smallest and largest bearing [rad] of the rectangle's corners and smallest range [m] to its edges, from the origin.
+    """From the origin: smallest and largest bearing [rad] of the corners, smallest range [m] to the edges.
 
     Bearings are taken about the rectangle's middle, so a car that stands across the cut at pi is still narrow.
     A sigma point may have a negative length or width: it is the rectangle that the corners say it is.

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _TRUTH, _ESTIMATE, _BAND, _ENSEMBLE = "black", "C0", "C3", "C2"
 _WIDTH = 9.0  # inches
+_DENSE = 1500  # steps from which a line would be a smear
 
 Save = Callable[[str, Callable[[Any], object]], object]
 Draw = Callable[["Axes", dict[str, Array]], None]
@@ -45,18 +46,22 @@ def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, d
 def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Figure":
     """One panel a component: the error of run 0 inside its +-3 sigma, and the ensemble's RMSE."""
     figure, panels = _figure(space.size, title, 1.7)
+    dense = errors["time"].nunique() > _DENSE
     for axes, name, unit in zip(panels, space.names, space.units, strict=True):
         rows = errors[errors["component"] == name]
-        axes.fill_between(rows["time"], rows["lower3"], rows["upper3"], color=_BAND, alpha=0.15, lw=0)
-        axes.plot(rows["time"], rows["upper3"], color=_BAND, lw=0.8, label="±3 sigma, run 0")
-        axes.plot(rows["time"], rows["lower3"], color=_BAND, lw=0.8)
-        axes.plot(rows["time"], rows["error"], color=_ESTIMATE, lw=1.0, label="error, run 0")
+        alpha = 0.35 if dense else 0.15
+        axes.fill_between(
+            rows["time"], rows["lower3"], rows["upper3"], color=_BAND, alpha=alpha, lw=0, label="±3 sigma, run 0"
+        )
+        if not dense:
+            axes.plot(rows["time"], rows[["lower3", "upper3"]], color=_BAND, lw=0.8)
+        axes.plot(rows["time"], rows["error"], color=_ESTIMATE, lw=0.7 if dense else 1.0, label="error, run 0")
         if runs > 1:
             axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {runs} runs")
         _limit(axes, rows)
         axes.set_ylabel(f"{name} [{unit}]")
     panels[-1].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
+    _legend_below(figure, panels[0])
     return figure
 
 
@@ -65,18 +70,19 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     figure, (axes,) = _figure(1, title, 3.6)
     time, values = table["time"], table[column]
     mean = "" if runs == 1 else f", mean of {int(table['runs_scored'].max())} runs"
-    dense = time.size > 600
+    dense = runs == 1 and time.size > 600
     axes.plot(time, values, "." if dense else "-", ms=2, color=_ESTIMATE, lw=1.0, label=what + mean)
-    axes.fill_between(time, table["lower"], table["upper"], color=_ENSEMBLE, alpha=0.25, lw=0, label="95 % of a consistent filter")
+    axes.fill_between(
+        time, table["lower"], table["upper"], color=_ENSEMBLE, alpha=0.25, lw=0, label="95 % of a consistent filter"
+    )
     axes.axhline(1.0, color="0.4", lw=0.8)
-    axes.set_yscale("log")
     positive = values[values > 0.0]
-    low = min(0.5 * float(table["lower"].min()), float(np.nanquantile(positive, 0.01)))
-    high = max(2.0 * float(table["upper"].max()), float(np.nanquantile(positive, 0.995)) * 1.5)
-    axes.set_ylim(max(low, 1e-4), high)
+    low = min(0.5 * float(table["lower"].min()), 0.8 * float(np.nanquantile(positive, 0.005 if dense else 0.0)))
+    high = max(2.0 * float(table["upper"].max()), 1.25 * float(np.nanquantile(positive, 0.995 if dense else 1.0)))
+    _logarithmic(axes, max(low, 1e-4), high)
     axes.set_ylabel(f"{what} (1 when consistent)")
     axes.set_xlabel("time [s]")
-    _legend_above(figure, axes)
+    _legend_below(figure, axes)
     return figure
 
 
@@ -88,7 +94,7 @@ def draw_trajectory(arrays: dict[str, Array], space: Space, title: str, draw: Dr
     first = {name: arrays[name][..., 0] for name in ("truth", "mean", "cov", "values", "target")}
     first |= {name: arrays[name] for name in ("time", "step", "places")}
     truth, mean, cov = first["truth"], first["mean"], first["cov"]
-    figure = Figure(figsize=(_WIDTH, 7.5), layout="constrained")
+    figure = Figure(layout="constrained")
     axes = figure.add_subplot()
     draw(axes, first)
     axes.plot(truth[i], truth[j], color=_TRUTH, lw=1.6, label="truth")
@@ -100,13 +106,15 @@ def draw_trajectory(arrays: dict[str, Array], space: Space, title: str, draw: Dr
     known = np.flatnonzero(np.isfinite(truth[[i, j]]).all(axis=0))
     if known.size:
         axes.plot(*truth[[i, j], known[0]], "o", color=_TRUTH, mfc="white", ms=7, label="start of the truth")
+    wide, high = axes.dataLim.size
+    figure.set_size_inches(_WIDTH, 1.6 + _WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
     axes.set_xlabel(f"{space.names[i]} [{space.units[i]}]")
     axes.set_ylabel(f"{space.names[j]} [{space.units[j]}]")
     axes.grid(alpha=0.3)
     figure.suptitle(f"{title} · run 0")
-    _legend_above(figure, axes, columns=3)
+    _legend_below(figure, axes, columns=3)
     return figure
 
 
@@ -130,14 +138,27 @@ def _figure(rows: int, title: str, height: float) -> tuple["Figure", list["Axes"
     return figure, list(panels)
 
 
-def _legend_above(figure: "Figure", axes: "Axes", columns: int = 4) -> None:
+def _legend_below(figure: "Figure", axes: "Axes", columns: int = 4) -> None:
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize="small")
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
+
+
+def _logarithmic(axes: "Axes", low: float, high: float) -> None:
+    """A logarithmic scale whose ticks are plain numbers, closer together where it spans little."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,), numticks=20))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _limit(axes: "Axes", rows: "DataFrame") -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel."""
-    settled = 1.25 * max(float(np.nanquantile(rows["upper3"], 0.9)), float(np.nanquantile(rows["error"].abs(), 0.99)), 1e-12)
+    settled = 1.25 * max(
+        float(np.nanquantile(rows["upper3"], 0.9)), float(np.nanquantile(rows["error"].abs(), 0.99)), 1e-12
+    )
     if np.isfinite(settled):
         axes.set_ylim(-settled, settled)
 

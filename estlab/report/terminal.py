@@ -55,7 +55,7 @@ def summary(title: str, rows: Sequence[Mapping[str, Any]], remarks: Sequence[str
             name = row["component"]
             cells = (_number(by.get((metric, name))) for metric in ("median_abs_error", "mean_sigma"))
             shares = (_share(by.get((metric, name))) for metric in ("inside_3sigma", "scored"))
-            table.add_row(f"{name} [{row['unit']}]", _number(row), _interval(row), *cells, *shares)
+            table.add_row(Text(f"{name} [{row['unit']}]"), _number(row), _interval(row), *cells, *shares)
     out.print(table)
     for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
         if (metric, "all") in by:

@@ -10,11 +10,12 @@ import numpy as np
 from estlab.datasets import matlab
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian, draw
-from estlab.maths.space import Array, Space
+from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import lidar, vehicle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
+from estlab.scenarios import simulation
 from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
 
 if TYPE_CHECKING:
@@ -82,9 +83,7 @@ class Car(Scenario):
         begin, truth = self._drive(streams, runs, time, noise.process_scale)
         raw: dict[str, Array] = {}
         if self.truth == "model":
-            sensor = self.sensor(noise, np.empty((0, 1)))
-            blur = streams.normals("readings", runs, (3, time.size)) * np.sqrt(np.diag(sensor.noise_cov))[:, None, None]
-            values = sensor.space.plus(sensor.read(truth, np.empty(0)), blur)
+            values = simulation.read(streams, runs, self.sensor(noise, np.empty((0, 1))), truth, np.empty(0))
         else:
             values, raw = self._scan(streams, runs, truth, noise.measurement_scale)
         return self._record(time, truth, values, self._prior(streams, runs, begin), raw)
@@ -96,7 +95,9 @@ class Car(Scenario):
         time = _frame_times(data, frames, self.dt)
         truth = np.stack([_state(states, i, s["x"]) for i, s in enumerate(matlab.read_struct(states, "x"))], axis=1)
         if truth.shape[1] != time.size:
-            raise UserError(f"{states}: {truth.shape[1]} states for the {time.size} frames of {data.name}; they must be as many")
+            raise UserError(
+                f"{states}: {truth.shape[1]} states for the {time.size} frames of {data.name}; they must be as many"
+            )
         owner = np.repeat(np.arange(time.size), [p.shape[1] for p in points])
         raw = {"points": np.concatenate(points, axis=1), "owner": owner}
         values = lidar.measure_frames(raw["points"], owner, time.size)
@@ -125,10 +126,9 @@ class Car(Scenario):
 
     def draw(self, axes: "Axes", history: History) -> None:
         first, last, distance = history.values
-        middle = first + 0.5 * vehicle.READING.minus(history.values[1:2].repeat(2, 0), history.values[:1].repeat(2, 0))[0]
-        axes.plot(
-            distance * np.cos(middle), distance * np.sin(middle), ".", color="0.6", ms=3, label="smallest range, middle bearing"
-        )
+        middle = first + 0.5 * wrap(last - first)
+        nearest = distance * np.cos(middle), distance * np.sin(middle)
+        axes.plot(*nearest, ".", color="0.6", ms=3, label="smallest range, middle bearing")
         axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
         shown = np.arange(0, history.time.size, max(1, history.time.size // 14))
         for states, colour in ((history.truth, "black"), (history.mean, "C0")):
@@ -156,12 +156,17 @@ class Car(Scenario):
             truth[:, k] = state
         return begin, vehicle.SPACE.plus(truth, np.zeros(1))
 
-    def _scan(self, streams: Streams, runs: Sequence[int], truth: Array, scale: float) -> tuple[Array, dict[str, Array]]:
+    def _scan(
+        self, streams: Streams, runs: Sequence[int], truth: Array, scale: float
+    ) -> tuple[Array, dict[str, Array]]:
         """The measurements (3, T, runs) from noisy frames, and the frames of the first run."""
         steps = truth.shape[1]
         points, owner = lidar.cast(np.swapaxes(truth, 1, 2).reshape(6, -1))
         edges = np.searchsorted(owner, steps * np.arange(len(runs) + 1))
-        blur = [streams.generator("readings", run).standard_normal((2, b - a)) for run, a, b in zip(runs, edges, edges[1:], strict=False)]
+        blur = [
+            streams.generator("readings", run).standard_normal((2, b - a))
+            for run, a, b in zip(runs, edges, edges[1:], strict=False)
+        ]
         sds = scale * np.array([self.lidar_range_sd, self.lidar_bearing_sd])
         points = points + sds[:, None] * np.concatenate(blur, axis=1)
         values = lidar.measure_frames(points, owner, steps * len(runs))
@@ -182,7 +187,13 @@ class Car(Scenario):
         return Gaussian(mean, cov)
 
     def _record(
-        self, time: Array, truth: Array, values: Array, prior: Gaussian, raw: dict[str, Array], files: tuple[Path, ...] = ()
+        self,
+        time: Array,
+        truth: Array,
+        values: Array,
+        prior: Gaussian,
+        raw: dict[str, Array],
+        files: tuple[Path, ...] = (),
     ) -> Record:
         readings = Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int))
         control = np.empty((0, time.size, 1))
@@ -194,7 +205,9 @@ def _frame(path: Path, index: int, points: Array) -> Array:
     if points.size == 0:
         return np.empty((2, 0))
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise UserError(f"{path}: lidar({index + 1}).z must be finite and N x 2, range [m] and bearing [rad]; it is {points.shape}")
+        raise UserError(
+            f"{path}: lidar({index + 1}).z must be finite and N x 2, range [m] and bearing [rad]; it is {points.shape}"
+        )
     return points.T
 
 
@@ -205,11 +218,14 @@ def _frame_times(path: Path, frames: list[dict[str, Array]], dt: float) -> Array
         raise UserError(f"{path}: every lidar(i).t must be one number, the frame's time [s]")
     time = np.array([frame["t"].item() for frame in frames])
     if not (np.diff(time) > 0.0).all():
-        raise UserError(f"{path}: lidar({int(np.argmin(np.diff(time) > 0.0)) + 2}).t does not come after the frame before; sort the frames")
+        late = int(np.argmin(np.diff(time) > 0.0)) + 2
+        raise UserError(f"{path}: lidar({late}).t does not come after the frame before; sort the frames")
     return time
 
 
 def _state(path: Path, index: int, state: Array) -> Array:
     if state.size != 6 or not np.isfinite(state).all():
-        raise UserError(f"{path}: element {index + 1} field x must be six finite numbers [x y speed heading length width]")
+        raise UserError(
+            f"{path}: element {index + 1} field x must be six finite numbers [x y speed heading length width]"
+        )
     return state.reshape(6)

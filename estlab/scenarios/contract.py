@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from estlab.errors import UserError
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
 from estlab.models.contract import Motion, Sensor
@@ -72,19 +73,18 @@ class Scenario(ABC):
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         """Truth and readings of the runs with these numbers."""
 
-    @abstractmethod
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        """The recording in a folder, in the original file layout, the same for each of the runs but for the prior's error.
+        """The recording in a folder, in the original file layout; the runs differ in the prior's error alone.
 
         Raises UserError that names the file and the remedy.
         """
+        raise UserError(f"{type(self).__name__} reads no files; run it with data=simulated")
 
-    @abstractmethod
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         """Write run 0 of a record in the original file layout; the files written."""
+        raise UserError(f"{type(self).__name__} has no file layout to write")
 
-    @abstractmethod
-    def draw(self, axes: "Axes", history: History) -> None:
+    def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
         """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
 
 
@@ -96,7 +96,7 @@ def check_positive(**values: float) -> None:
 
 
 def check_sds(name: str, values: Sequence[float], size: int) -> None:
-    """Raise ValueError unless there are ``size`` positive standard deviations: their covariance is positive definite."""
+    """Raise ValueError unless there are ``size`` positive standard deviations, so that their covariance is definite."""
     if len(values) != size:
         raise ValueError(f"{name} must have {size} numbers, got {len(values)}")
     for i, value in enumerate(values):
@@ -107,5 +107,3 @@ def check_sds(name: str, values: Sequence[float], size: int) -> None:
 def diagonal_cov(sds: Sequence[float]) -> Array:
     """The covariance (n, n) of independent components with these standard deviations."""
     return np.diag(np.square(np.asarray(sds, dtype=float)))
-
-

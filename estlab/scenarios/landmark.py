@@ -30,7 +30,9 @@ _LANDMARKS = np.array(
     ]
 ).T  # fmt: skip
 _BARCODES = np.array([63, 25, 45, 16, 61, 36, 18, 9, 72, 70, 81, 54, 27, 7, 90])
-_TOUR = np.array([[0.5, -3.6], [3.9, -3.4], [4.7, -0.4], [4.6, 3.4], [2.3, 3.5], [2.4, 0.1], [0.2, 0.5], [0.3, 3.2], [-0.4, -1.6]]).T
+_TOUR = np.array(
+    [[0.5, -3.6], [3.9, -3.4], [4.7, -0.4], [4.6, 3.4], [2.3, 3.5], [2.4, 0.1], [0.2, 0.5], [0.3, 3.2], [-0.4, -1.6]]
+).T
 _ARRIVED = 0.4  # [m] from a corner of the tour
 
 
@@ -209,12 +211,14 @@ class Landmark(Scenario):
         time = recording.odometry[:, 0]
         fixed = np.isfinite(self._truth_at(time, recording.truth, known)).all(axis=0)
         if not fixed.any():
-            raise UserError(f"{recording.files[2]}: no trusted truth at any time of {recording.files[0].name}; are they one robot's?")
+            odometry, truth = recording.files[0], recording.files[2]
+            raise UserError(f"{truth}: no trusted truth at any time of {odometry.name}; is it another robot's?")
         return float(time[0]), float(time[fixed.argmax()] - time[0])
 
 
 def _trusted(truth: Array, gap: float) -> Array:
-    return trusted_heading(*truth.T, gap)
+    time, x, y, heading = truth.T
+    return trusted_heading(time, x, y, heading, gap)
 
 
 def _truth_remarks(truth: Array) -> tuple[str, ...]:

@@ -1,0 +1,46 @@
+"""Truth and readings drawn from a problem's own models."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.linalg import cholesky, matvec
+from estlab.maths.space import Array
+from estlab.maths.streams import Streams
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+
+
+def drawn(
+    streams: Streams, runs: Sequence[int], motion: Motion, sensor: Sensor, prior: Gaussian, time: Array, control: Array
+) -> Record:
+    """A record in which each run's start is drawn from the prior, and each step is read once by a sensor of no places.
+
+    prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs).
+    """
+    mean = prior.mean[:, None].repeat(len(runs), axis=1)
+    begin = draw(motion.space, Gaussian(mean, prior.cov), streams.normals("prior", runs, prior.mean.shape))
+    truth = walk(streams, runs, motion, begin, time, control)
+    values = read(streams, runs, sensor, truth, np.empty((0, 1)))
+    target = np.zeros(values.shape[1:], dtype=int)
+    return Record(0.0, time, truth, control, Readings(np.arange(time.size), values, target), Gaussian(mean, prior.cov))
+
+
+def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, time: Array, control: Array) -> Array:
+    """Truth (n, T, runs) from the motion model with its noise, from begin (n, runs) at time 0."""
+    blur = streams.normals("truth", runs, (time.size, motion.noise_size))
+    truth = np.empty((motion.space.size, time.size, len(runs)))
+    state, lapse = begin, np.diff(time, prepend=0.0)
+    for k in range(time.size):
+        noise = matvec(cholesky(motion.noise_cov(control[:, k], lapse[k])), blur[k])
+        state = motion.space.plus(motion.step(state, control[:, k], noise, lapse[k]), np.zeros(1))
+        truth[:, k] = state
+    return truth
+
+
+def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, place: Array) -> Array:
+    """Readings (m, N, runs) of states (n, N, runs) with the sensor's noise."""
+    blur = streams.normals("readings", runs, (sensor.space.size, states.shape[1]))
+    noise = np.einsum("ij,jnr->inr", cholesky(sensor.noise_cov), blur)
+    return sensor.space.plus(sensor.read(states, place), noise)

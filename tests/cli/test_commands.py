@@ -1,0 +1,298 @@
+"""The commands as a user types them: output, files, exit codes."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from estlab import __version__
+from estlab.cli import main
+from tests.conftest import ROOT
+
+TINY = ["runs=4", "steps=15"]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def latest() -> Path:
+    return Path("runs/latest").resolve()
+
+
+def status(folder: Path) -> dict:
+    return json.loads((folder / "status.json").read_text())
+
+
+def test_help_and_version_name_every_command(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"estlab {command}" in text for command in ("run", "sweep", "simulate", "list"))
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"estlab {__version__}\n"
+
+
+def test_help_version_and_list_import_nothing_heavy():
+    code = (
+        "import sys; from estlab.cli import main; main(['--help']); main(['--version']); main(['list']);"
+        "print(sorted({'numpy', 'scipy', 'pandas', 'matplotlib', 'hydra', 'rich', 'yaml'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.endswith("[]\n")
+
+
+def test_list_shows_what_is_in_conf(capsys):
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in ("scenarios", "car", "landmark", "ukf", "dead_reckoning", "smoke"))
+    assert main(["list", "filters"]) == 0
+    assert "scenarios" not in capsys.readouterr().out
+    assert main(["list", "fruits"]) == 2
+
+
+def test_a_run_writes_everything_the_contract_names(capsys):
+    assert main(["run", "scenario=car", "filter=ukf", *TINY]) == 0
+    folder = latest()
+    assert re.fullmatch(r"\d\d-\d\d-\d\d-\d{6}_car_ukf", folder.name)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", folder.parent.name)
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    tables = {"errors.csv", "nees.csv", "nis.csv", "metrics.csv", "estimates.npz"}
+    records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
+    assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
+    assert status(folder)["status"] == "ok"
+
+    run = json.loads((folder / "run.json").read_text())
+    assert run["seed"] == 1
+    assert run["command"] == ["estlab", "run", "scenario=car", "filter=ukf", *TINY]
+    assert {"estlab", "python", "packages", "git", "machine", "data", "wall_time_s", "peak_memory_mb"} <= set(run)
+    assert yaml.safe_load((folder / "overrides.yaml").read_text()) == ["scenario=car", "filter=ukf", *TINY]
+    assert yaml.safe_load((folder / "config.yaml").read_text())["filter"]["alpha"] == 1.0
+
+    errors = pd.read_csv(folder / "errors.csv")
+    assert len(errors) == 15 * 6
+    np.testing.assert_allclose(errors["upper3"], 3 * errors["sigma"])
+    with np.load(folder / "estimates.npz") as arrays:
+        assert arrays["mean"].shape == (6, 15, 4)
+        assert arrays["cov"].shape == (6, 6, 15, 4)
+        first = arrays["mean"][:, :, 0] - arrays["truth"][:, :, 0]
+    np.testing.assert_allclose(errors[errors["component"] == "length"]["error"], first[4], atol=1e-12)
+    metrics = pd.read_csv(folder / "metrics.csv")
+    assert list(metrics.columns) == ["filter", "metric", "component", "unit", "value", "ci_low", "ci_high", "n"]
+    nees = pd.read_csv(folder / "nees.csv")
+    assert list(nees.columns) == ["filter", "time", "anees", "lower", "upper", "runs_scored"]
+    out = capsys.readouterr().out
+    assert "RMSE" in out
+    assert str(Path("runs") / folder.parent.name / folder.name) in out
+
+
+def test_tables_of_the_ensemble_are_those_of_the_kept_runs():
+    """Every figure again, from estimates.npz alone, by other code."""
+    assert main(["run", "scenario=landmark", "filter=ekf", "runs=5", "steps=40", "plots=false"]) == 0
+    folder = latest()
+    with np.load(folder / "estimates.npz") as arrays:
+        truth, mean, cov = (np.moveaxis(arrays[name], -1, 0) for name in ("truth", "mean", "cov"))
+    error = mean - truth
+    error[:, 2] = np.arctan2(np.sin(error[:, 2]), np.cos(error[:, 2]))
+    metrics = pd.read_csv(folder / "metrics.csv").set_index(["metric", "component"])["value"]
+    np.testing.assert_allclose(metrics["rmse", "y"], np.sqrt((error[:, 1] ** 2).mean()))
+    np.testing.assert_allclose(metrics["rmse", "position"], np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()))
+    nees = [
+        [e @ np.linalg.solve(p, e) for e, p in zip(es.T, np.moveaxis(ps, -1, 0), strict=True)]
+        for es, ps in zip(error, cov, strict=True)
+    ]
+    np.testing.assert_allclose(metrics["anees", "all"], np.mean(nees) / 3)
+    table = pd.read_csv(folder / "nees.csv")
+    np.testing.assert_allclose(table["anees"], np.mean(nees, axis=0) / 3)
+    medians = np.median(np.abs(error[:, 0]), axis=1)
+    np.testing.assert_allclose(metrics["median_abs_error", "x"], medians.mean())
+    sigma = np.sqrt(cov[:, 2, 2])
+    np.testing.assert_allclose(metrics["inside_3sigma", "heading"], (np.abs(error[:, 2]) <= 3 * sigma).mean())
+
+
+def test_the_same_command_gives_the_same_tables_whatever_the_block():
+    tables = []
+    for block in ("500", "3"):
+        assert (
+            main(
+                ["run", "scenario=landmark", "runs=7", "steps=30", "keep_runs=2", f"block_runs={block}", "plots=false"]
+            )
+            == 0
+        )
+        tables.append((pd.read_csv(latest() / "metrics.csv"), dict(np.load(latest() / "estimates.npz"))))
+    (one, kept), (other, also_kept) = tables
+    np.testing.assert_allclose(one["value"], other["value"], rtol=1e-10)
+    np.testing.assert_allclose(one["ci_low"], other["ci_low"], rtol=1e-9)
+    for name, array in kept.items():
+        np.testing.assert_allclose(array, also_kept[name], rtol=1e-10, atol=1e-12)
+
+
+def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
+    assert main(["run", "filter.alhpa=1"]) == 2
+    assert capsys.readouterr().err == "estlab: unknown key filter.alhpa; did you mean filter.alpha?\n"
+    assert main(["run", "+filter.alhpa=1"]) == 2
+    assert capsys.readouterr().err == "estlab: unknown key filter.alhpa; did you mean filter.alpha?\n"
+    assert not Path("runs").exists() or not any(Path("runs").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "filter=ukff"], "there is no filter ukff; did you mean ukf? (one of "),
+        (["run", "fliter=ukf"], "unknown key fliter; did you mean filter?"),
+        (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise"),
+        (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
+        (["run", "filter.alpha=="], "Error parsing override"),
+        (["run", "data.path=somewhere"], "data.path=somewhere would not be read: add data=files"),
+        (["run", "output=/proc/estlab"], "set output to another folder"),
+        (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
+        (["run", "data=files", "data.path=."], "problem3data.mat: no such file; data.path must be the folder"),
+        (["simulate"], "data.path must be given"),
+        (["rnu"], "there is no command rnu; did you mean run?"),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message, capsys):
+    assert main(arguments) == 2
+    text = capsys.readouterr().err
+    assert text.startswith("estlab: ")
+    assert message in text
+    assert text.count("\n") == 1
+
+
+def test_a_directory_holds_one_run_only(capsys):
+    assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 0
+    before = {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
+    assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 2
+    assert "mine: holds a run already" in capsys.readouterr().err
+    assert before == {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
+
+
+def test_a_full_disk_is_said_and_the_status_is_failed(monkeypatch, capsys):
+    import estlab.datasets.whole as whole
+
+    real, calls = os.fsync, []
+
+    def full(descriptor):
+        calls.append(descriptor)
+        if len(calls) > 5:
+            raise OSError(28, "No space left on device")
+        return real(descriptor)
+
+    monkeypatch.setattr(whole.os, "fsync", full)
+    assert main(["run", *TINY, "plots=false"]) == 1
+    assert "No space left on device; the run is incomplete, make room" in capsys.readouterr().err
+    folder = next(Path("runs").glob("*/*_car_ukf"))
+    assert status(folder)["status"] == "failed"
+    assert "No space left" in status(folder)["error"]
+    assert not list(folder.rglob("*.part")), "nothing half-written is left"
+    assert not (folder / "metrics.csv").exists()
+
+
+def test_an_interruption_leaves_the_status_interrupted(monkeypatch, capsys):
+    from estlab import experiment
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(experiment, "estimate", interrupted)
+    assert main(["run", *TINY]) == 130
+    assert status(latest())["status"] == "interrupted"
+    assert capsys.readouterr().err == "estlab: interrupted\n"
+
+
+def test_control_c_stops_a_real_process_in_order():
+    import signal
+    import time
+
+    process = subprocess.Popen(
+        [sys.executable, "-m", "estlab", "run", "runs=200000", "plots=false", "hydra.run.dir=long"],
+        stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    for _ in range(600):
+        if Path("long/log.txt").exists() and "car with ukf" in Path("long/log.txt").read_text():
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err == "estlab: interrupted\n"
+    assert status(Path("long"))["status"] == "interrupted"
+
+
+def test_a_bug_is_said_with_where_the_traceback_is(monkeypatch, capsys):
+    from estlab import experiment
+
+    def broken(*_):
+        raise ZeroDivisionError("one over nothing")
+
+    monkeypatch.setattr(experiment, "estimate", broken)
+    assert main(["run", *TINY]) == 1
+    text = capsys.readouterr().err
+    assert re.fullmatch(
+        r"estlab: internal error, ZeroDivisionError: one over nothing; the traceback is in \S+log\.txt\n", text
+    )
+    assert status(latest())["status"] == "failed"
+    assert "Traceback" in (latest() / "log.txt").read_text()
+
+
+def test_a_filter_that_diverges_is_counted_and_the_run_is_ok(capsys):
+    # Weights that make covariances indefinite: a centre that counts -1 with the outer points drawn in.
+    arguments = ["filter.beta=0", "filter.kappa=-3", "filter.noise=additive", "runs=40", "plots=false"]
+    assert main(["run", "scenario=car", *arguments]) == 0
+    count = int(re.search(r"(\d+) of 40 runs diverged", capsys.readouterr().out)[1])
+    assert 0 < count < 40
+    metrics = pd.read_csv(latest() / "metrics.csv").set_index(["metric", "component"])
+    assert metrics.loc[("diverged", "all"), "value"] == count
+    assert metrics.loc[("diverged", "all"), "n"] == 40
+    assert "diverged runs:" in (latest() / "log.txt").read_text()
+
+
+def test_a_sweep_makes_a_directory_for_each_job(capsys):
+    assert main(["sweep", "filter=ukf,ekf", "runs=2", "steps=5", "plots=false"]) == 0
+    jobs = sorted(path.name for path in Path("runs").glob("*/*_sweep/*") if path.is_dir())
+    assert jobs == ["0_car_ukf", "1_car_ekf"]
+    assert capsys.readouterr().out.count("runs diverged") == 2
+    assert main(["run", "-m", "filter.noise=additive,wrong", "runs=2", "steps=5", "plots=false"]) == 2
+
+
+def test_hydras_own_flags_work(capsys):
+    assert main(["run", "--cfg", "job", "-p", "filter"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["kappa"] == 0.0
+    assert main(["run", "--help"]) == 0
+    assert "filter: ckf, dead_reckoning, ekf, ukf" in capsys.readouterr().out
+
+
+def test_a_users_own_folder_of_configuration_is_found(capsys):
+    Path("mine/scenario").mkdir(parents=True)
+    text = (ROOT / "conf/scenario/car.yaml").read_text().replace("duration: 20.0", "duration: 0.5")
+    Path("mine/scenario/short_car.yaml").write_text(text)
+    assert main(["run", "--config-dir", "mine", "scenario=short_car", "runs=2", "plots=false"]) == 0
+    assert "short_car · ukf · 2 runs × 5 steps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("estlab ru", {"run"}),
+        ("estlab sweep filter=e", {"filter=ekf"}),
+        ("estlab run scenario=car filter.al", {"filter.alpha="}),
+        ("estlab list ", {"scenarios", "filters", "experiments"}),
+    ],
+)
+def test_the_shell_completes_through_the_subcommand(line, expected, monkeypatch, capsys):
+    monkeypatch.setenv("COMP_LINE", line)
+    assert main(["-sc", "query=bash"]) == 0
+    assert set(capsys.readouterr().out.split()) == expected
+
+
+def test_completion_installs_for_estlab(capsys):
+    assert main(["run", "-sc", "install=bash"]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("estlab")

@@ -1,0 +1,220 @@
+"""Files written read back the same; files that are wrong get one line that says where."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estlab.cli import main
+from tests.conftest import options
+
+LAYOUT = {
+    "landmark": {"Odometry.dat", "Measurement.dat", "Groundtruth.dat", "Landmark_Groundtruth.dat", "Barcodes.dat"},
+    "car": {"problem3data.mat", "problem3truth.mat"},
+}
+SAME_PRIOR = {"landmark": "scenario.initial=truth", "car": "scenario.initial=document"}
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def simulate(scenario: str, *more: str) -> Path:
+    assert main(["simulate", f"scenario={scenario}", "data.path=made", *more]) == 0
+    return Path("made")
+
+
+def run(scenario: str, *more: str) -> int:
+    return main(
+        ["run", f"scenario={scenario}", "data=files", "data.path=made", "plots=false", "runs=1", "steps=60", *more]
+    )
+
+
+@pytest.mark.parametrize("scenario", options("scenario"))
+def test_the_same_run_from_memory_and_from_file_gives_identical_estimates(scenario, capsys):
+    made = simulate(scenario)
+    assert {path.name for path in made.iterdir()} == LAYOUT[scenario]
+    assert len(capsys.readouterr().out.splitlines()) == len(LAYOUT[scenario])
+    assert not Path("runs").exists(), "simulate makes no run directory"
+    assert run(scenario, SAME_PRIOR[scenario], "hydra.run.dir=from_file") == 0
+    same = ["plots=false", "runs=1", "steps=60", SAME_PRIOR[scenario], "hydra.run.dir=from_memory"]
+    assert main(["run", f"scenario={scenario}", *same]) == 0
+    one, other = (dict(np.load(f"{folder}/estimates.npz")) for folder in ("from_file", "from_memory"))
+    for name in ("time", "truth", "values", "mean", "cov"):
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def test_the_files_read_are_on_record_with_their_hashes():
+    made = simulate("landmark")
+    assert run("landmark", "hydra.run.dir=out") == 0
+    data = json.loads(Path("out/run.json").read_text())["data"]
+    assert {Path(entry["file"]).name for entry in data} == LAYOUT["landmark"]
+    from hashlib import sha256
+
+    assert all(entry["sha256"] == sha256((made / Path(entry["file"]).name).read_bytes()).hexdigest() for entry in data)
+
+
+def test_simulate_takes_a_prefix_and_files_are_found_by_it():
+    simulate("landmark", "data.prefix=robot7_")
+    assert run("landmark", "data.prefix=robot7_") == 0
+    assert run("landmark") == 2
+
+
+def replace_line(name: str, number: int, line: str | None) -> None:
+    path = Path("made") / name
+    lines = path.read_text().splitlines()
+    lines[number - 1 : number] = [] if line is None else [line]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def spoil_odometry(line: str | None) -> None:
+    replace_line("Odometry.dat", 9, line)
+
+
+def shuffle_odometry() -> None:
+    path = Path("made/Odometry.dat")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:8], lines[9], lines[8], *lines[10:]]))
+
+
+def repeat_odometry() -> None:
+    path = Path("made/Odometry.dat")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:9], lines[8], *lines[9:]]))
+
+
+def unknown_barcodes() -> None:
+    path = Path("made/Barcodes.dat")
+    path.write_text("\n".join(path.read_text().splitlines()[:10]))
+
+
+FAULTS = {
+    "missing file": (lambda: Path("made/Odometry.dat").unlink(), "made/Odometry.dat: no such file"),
+    "missing shared file": (lambda: Path("made/Barcodes.dat").unlink(), "made/Barcodes.dat: no such file"),
+    "too few columns": (
+        lambda: spoil_odometry("1.0 2.0"),
+        "made/Odometry.dat:9: 2 columns; expected the 3 columns time v w",
+    ),
+    "too many columns": (lambda: spoil_odometry("1 2 3 4"), "made/Odometry.dat:9: 4 columns"),
+    "not a number": (lambda: spoil_odometry("1.0 fast 0.1"), "made/Odometry.dat:9: v is 'fast', not a number"),
+    "nan": (lambda: replace_line("Groundtruth.dat", 12, "1.0 nan 0 0"), "made/Groundtruth.dat:12: x is nan"),
+    "unsorted": (shuffle_odometry, "made/Odometry.dat:10: time 0.600 goes back; sort the file"),
+    "repeated": (repeat_odometry, "made/Odometry.dat:10: time 0.600 repeats the line before"),
+    "empty": (lambda: Path("made/Measurement.dat").write_text(""), "made/Measurement.dat: no data rows"),
+    "comments only": (
+        lambda: Path("made/Groundtruth.dat").write_text("# nothing\n"),
+        "made/Groundtruth.dat: no data rows",
+    ),
+    "binary": (lambda: Path("made/Odometry.dat").write_bytes(bytes(range(256))), "made/Odometry.dat"),
+    "unknown barcodes": (unknown_barcodes, "is not in Barcodes.dat"),
+    "no truth in time": (
+        lambda: Path("made/Groundtruth.dat").write_text("900 0 0 0\n901 0 0 0\n"),
+        "made/Groundtruth.dat: no trusted truth at any time of Odometry.dat",
+    ),
+    "landmark unplaced": (
+        lambda: replace_line("Landmark_Groundtruth.dat", 5, None),
+        "made/Landmark_Groundtruth.dat: no row for subject 8",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_text_file_is_named_with_its_line(fault, capsys):
+    simulate("landmark")
+    spoil, message = FAULTS[fault]
+    spoil()
+    capsys.readouterr()
+    assert run("landmark", "hydra.run.dir=out") == 2
+    text = capsys.readouterr().err
+    assert message in text
+    assert text.count("\n") == 1
+    stamp = json.loads(Path("out/status.json").read_text())
+    assert stamp["status"] == "failed"
+    assert message in stamp["error"]
+
+
+def test_a_few_unknown_barcodes_are_left_out_and_said(capsys):
+    simulate("landmark")
+    replace_line(
+        "Measurement.dat", 20, Path("made/Measurement.dat").read_text().splitlines()[19].split()[0] + " 99 1.0 0.0"
+    )
+    assert run("landmark") == 0
+    assert "Measurement.dat:20: barcode 99 is not in Barcodes.dat; left out, with 0 more" in capsys.readouterr().out
+    assert run("landmark", "scenario.unknown_barcodes=0") == 2
+
+
+def save(name: str, **variables) -> None:
+    from scipy.io import savemat
+
+    Path("made").mkdir(exist_ok=True)
+    savemat(f"made/{name}", variables)
+
+
+def structs(**fields) -> np.ndarray:
+    count = len(next(iter(fields.values())))
+    array = np.empty((1, count), dtype=[(name, object) for name in fields])
+    for i in range(count):
+        array[0, i] = tuple(values[i] for values in fields.values())
+    return array
+
+
+FRAME, STATE = np.array([[10.0, 0.1], [11.0, 0.2]]), np.array([10.0, 1, 5, 3, 4, 2])
+MAT_FAULTS = {
+    "no struct": (
+        dict(other=np.eye(3)),
+        None,
+        "expected a struct array lidar with a field 'z'; the file holds other (3, 3)",
+    ),
+    "no field": (dict(lidar=structs(q=[FRAME])), None, "expected a struct array lidar with a field 'z'"),
+    "columns": (dict(lidar=structs(z=[np.ones((4, 3))])), None, "lidar(1).z must be finite and N x 2"),
+    "text": (dict(lidar=structs(z=["points"])), None, "lidar(1).z is not an array of numbers"),
+    "times": (
+        dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.0])),
+        None,
+        "lidar(2).t does not come after the frame before",
+    ),
+    "states": (
+        dict(lidar=structs(z=[FRAME, FRAME])),
+        dict(car=structs(x=[STATE])),
+        "1 states for the 2 frames of problem3data.mat",
+    ),
+    "nan truth": (
+        dict(lidar=structs(z=[FRAME])),
+        dict(car=structs(x=[STATE * np.nan])),
+        "element 1 field x must be six finite numbers",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", MAT_FAULTS)
+def test_a_bad_matlab_file_is_named_with_its_element(fault, capsys):
+    data, truth, message = MAT_FAULTS[fault]
+    save("problem3data.mat", **data)
+    save("problem3truth.mat", **(truth or dict(car=structs(x=[STATE]))))
+    assert run("car", "hydra.run.dir=out") == 2
+    text = capsys.readouterr().err
+    assert message in text
+    assert text.count("\n") == 1
+    assert json.loads(Path("out/status.json").read_text())["status"] == "failed"
+
+
+def test_a_file_that_is_not_matlabs_is_refused(capsys):
+    Path("made").mkdir()
+    Path("made/problem3data.mat").write_text("not a mat file")
+    assert run("car") == 2
+    assert "made/problem3data.mat: not a MATLAB file that can be read" in capsys.readouterr().err
+
+
+def test_a_frame_in_which_nothing_was_seen_is_not_measured():
+    simulate("car")
+    from scipy.io import loadmat
+
+    lidar = loadmat("made/problem3data.mat")["lidar"]
+    lidar[0, 10]["z"] = np.empty((0, 2))
+    save("problem3data.mat", lidar=lidar)
+    assert run("car", "hydra.run.dir=out") == 0
+    with np.load("out/estimates.npz") as arrays:
+        assert 10 not in arrays["step"]
+        assert np.isfinite(arrays["mean"]).all()

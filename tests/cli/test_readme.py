@@ -1,0 +1,67 @@
+"""What the README shows is true."""
+
+import re
+import sys
+
+import pytest
+
+from estlab.cli import main
+from tests.conftest import ROOT
+
+README = (ROOT / "README.md").read_text()
+
+
+def block(name: str) -> str:
+    return re.search(rf"<!-- {re.escape(name)} -->\n```\w*\n(.*?)```", README, re.DOTALL)[1]
+
+
+def test_the_main_command_prints_what_the_readme_shows(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shown = re.search(r"\$ estlab run scenario=car filter=ukf\n(.*?)```", README, re.DOTALL)[1].splitlines()
+    assert main(["run", "scenario=car", "filter=ukf", "plots=false"]) == 0
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert len(printed) == len(shown)
+    for found, expected in zip(printed[:-1], shown[:-1], strict=True):  # all but the directory's name
+        words = re.sub(r"[\d.]+", "#", found).split()
+        assert words == re.sub(r"[\d.]+", "#", expected).split()
+        # Another processor rounds its sines another way, and a filter near losing its way magnifies that.
+        numbers = [[float(x) for x in re.findall(r"\d+\.?\d*", line)] for line in (found, expected)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
+
+
+def test_the_scenario_of_the_readme_works_as_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "conf/scenario").mkdir(parents=True)
+    (tmp_path / "pendulum.py").write_text(block("pendulum.py"))
+    (tmp_path / "conf/scenario/pendulum.yaml").write_text(block("pendulum.yaml"))
+    command = re.search(r"Then `estlab (run --config-dir conf scenario=pendulum [^`]*)`", README)[1].split()
+    try:
+        for more in (["runs=60", "plots=false"], ["runs=2", "steps=20", "filter=ukf"]):
+            assert main([*command, *more]) == 0
+            found = re.search(r"NEES / n = \S+ 95 % interval (\S+) to (\S+)", capsys.readouterr().out)
+            assert float(found[1]) < 1.05
+            assert float(found[2]) > 0.95
+    finally:
+        sys.modules.pop("pendulum", None)
+    assert main([*command[:-2], "filter=ekf"]) == 2
+    assert "pendulum.Pendulum is refused" in capsys.readouterr().err
+
+
+def test_ci_runs_the_readmes_own_test_command():
+    command = block("test")
+    assert command == 'python3 -m venv .venv && .venv/bin/pip install -e ".[dev]" && .venv/bin/pytest\n'
+    assert "README.md" in (ROOT / ".ci/run").read_text()
+
+
+def test_the_keys_that_the_readme_names_exist():
+    from estlab.config import key_paths
+    from tests.conftest import composed
+
+    known = {*key_paths(composed()), *key_paths(composed("scenario=landmark"))}
+    section = README.split("## Configuration")[1].split("## The run directory")[0]
+    named = {
+        key for row in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE) for key in re.findall(r"`([\w.]+)`", row)
+    }
+    assert len(named) > 15
+    assert named - known == {"hydra.run.dir"}

@@ -1,0 +1,157 @@
+"""Geometry against slower, independent ways to the same answer."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from estlab.maths.derivatives import jacobian
+from estlab.maths.space import Space, wrap
+from estlab.maths.streams import Streams
+from estlab.models import landmarks, lidar, unicycle, vehicle
+from estlab.models.contract import matrix
+from tests.conftest import options, settings
+
+RNG = np.random.default_rng(11)
+CAR = np.array([20.0, 4.0, 9.0, 2.8, 4.6, 1.9])
+NOWHERE = np.empty((0, 1))
+
+
+def _check_slopes(motion, state, control, dt):
+    n, q = motion.space.size, motion.noise_size
+    in_state, in_noise = (matrix(rows, state.shape[1:]) for rows in motion.jacobians(state, control, dt))
+    by_difference = jacobian(lambda x: motion.step(x, control, np.zeros(q), dt), state, motion.space)
+    np.testing.assert_allclose(in_state, by_difference, atol=1e-7 * max(1.0, np.abs(in_state).max()))
+    silent = np.zeros((q, *state.shape[1:]))
+    by_difference = jacobian(lambda w: motion.step(state[:, None], control, w, dt), silent, motion.space)
+    np.testing.assert_allclose(in_noise, by_difference, atol=1e-7 * max(1.0, np.abs(in_noise).max()))
+    assert in_state.shape[:2] == (n, n)
+    assert in_noise.shape[:2] == (n, q)
+
+
+@pytest.mark.parametrize("scenario", options("scenario"))
+def test_stated_jacobians_are_the_finite_differences(scenario):
+    experiment = settings(f"scenario={scenario}", "steps=5")
+    problem, noise = experiment.scenario, experiment.noise.filter
+    record = problem.simulate(Streams(3, scenario), range(4), noise).first(12)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    state, control = record.truth[:, 6], record.control[:, 6]
+    if motion.jacobians is not None:
+        _check_slopes(motion, state, control, 0.13)
+    if sensor.slope is not None:
+        place = sensor.place(record.readings.target[0])
+        stated = matrix(sensor.slope(state, place), state.shape[1:])
+        np.testing.assert_allclose(stated, jacobian(lambda x: sensor.read(x, place), state, sensor.space), atol=1e-6)
+
+
+@pytest.mark.parametrize("w", [0.0, 1e-9, 1e-4, -0.3, 2.0])
+def test_arc_is_the_integral_of_the_unicycle(w):
+    def rates(_, pose):
+        return [0.7 * np.cos(pose[2]), 0.7 * np.sin(pose[2]), w]
+
+    exact = solve_ivp(rates, (0.0, 1.5), [1.0, -2.0, 0.4], rtol=1e-11, atol=1e-12).y[:, -1]
+    found = unicycle.arc(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), np.zeros(2), 1.5)
+    np.testing.assert_allclose(found, exact, atol=1e-9)
+    slopes = unicycle.arc_jacobians(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), 1.5)
+    by_difference = jacobian(
+        lambda u: np.stack(np.broadcast_arrays(*unicycle.arc(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), u, 1.5))),
+        np.zeros(2),
+        unicycle.SPACE,
+    )
+    np.testing.assert_allclose(matrix(slopes[1], ()), by_difference, atol=1e-8)
+
+
+def test_drive_is_a_runge_kutta_step_of_the_documents_derivative():
+    rates = np.array([0.2, -0.1, 4.0, 0.9, 0.3, -0.2])
+
+    def slope(_, s):
+        return [s[2] * np.cos(s[3]) + rates[0], s[2] * np.sin(s[3]) + rates[1], *rates[2:]]
+
+    exact = solve_ivp(slope, (0.0, 0.1), CAR, rtol=1e-11, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(vehicle.drive(CAR, np.empty(0), rates, 0.1), exact, atol=2e-7)
+
+
+def _outline(state, per_edge=4001):
+    corner = vehicle.corners(state[:, None])[:, :, 0]
+    share = np.linspace(0.0, 1.0, per_edge)
+    return np.concatenate(
+        [corner[:, [i]] + (corner[:, [(i + 1) % 4]] - corner[:, [i]]) * share for i in range(4)], axis=1
+    )
+
+
+@given(
+    st.floats(0.0, 2 * np.pi),
+    st.floats(0.0, 2 * np.pi),
+    st.floats(8.0, 60.0),
+    st.floats(-5.0, 6.0),
+    st.floats(-2.0, 3.0),
+)
+def test_extent_is_that_of_the_outline_walked_in_small_steps(around, heading, far, length, width):
+    state = np.array([far * np.cos(around), far * np.sin(around), 5.0, heading, length, width])
+    outline = _outline(state)
+    middle = outline.mean(axis=1)
+    turned = wrap(np.arctan2(outline[1], outline[0]) - np.arctan2(middle[1], middle[0]))
+    least, most, nearest = vehicle.extent(state, NOWHERE)
+    reference = np.arctan2(middle[1], middle[0])
+    np.testing.assert_allclose(
+        wrap(np.array([least - reference - turned.min(), most - reference - turned.max()])), 0.0, atol=1e-9
+    )
+    np.testing.assert_allclose(nearest, np.hypot(*outline).min(), atol=2e-3)
+
+
+def test_smallest_range_from_inside_is_to_the_nearest_edge():
+    inside = np.array([-1.0, 0.2, 5.0, 0.0, 4.0, 2.0])  # rear edge 1 m behind the origin, side edges at -0.8 and 1.2
+    assert vehicle.extent(inside, NOWHERE)[2] == pytest.approx(0.8)
+
+
+def test_a_car_across_the_cut_is_narrow():
+    behind = np.array([-20.0, -2.0, 5.0, np.pi / 2, 4.0, 2.0])
+    least, most, _ = vehicle.extent(behind, NOWHERE)
+    assert 0.0 < wrap(most) - wrap(least) + 2 * np.pi < 0.25
+
+
+def test_every_lidar_point_lies_on_a_visible_edge_at_a_whole_half_degree():
+    states = np.stack([CAR, CAR + [30, 2, 0, 1.0, 0, 0], CAR * [-1, 1, 1, -1, 1, 1]], axis=1)
+    points, owner = lidar.cast(states)
+    assert np.bincount(owner).min() >= 3
+    steps = points[1] / np.radians(0.5)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    for i in range(3):
+        distance, bearing = points[:, owner == i]
+        outline = _outline(states[:, i], 20001)
+        place = np.stack([distance * np.cos(bearing), distance * np.sin(bearing)])
+        to_outline = np.hypot(*(place[:, :, None] - outline[:, None])).min(axis=1)
+        assert to_outline.max() < 1e-3
+        at = np.abs(wrap(np.arctan2(outline[1], outline[0])[None] - bearing[:, None])) < 1e-3
+        nearest = np.where(at, np.hypot(*outline)[None], np.inf).min(axis=1)
+        assert (distance <= nearest + 0.1).all(), "a point behind a nearer edge"
+
+
+def test_the_measurement_from_a_noiseless_frame_is_the_extent_to_half_a_degree():
+    states = np.stack([CAR, CAR * [-1, 0, 1, 1, 1, 1]], axis=1)  # the second lies across the cut
+    measured = lidar.measure_frames(*lidar.cast(states), 2)
+    exact = np.stack(vehicle.extent(states, NOWHERE))
+    off = vehicle.READING.minus(measured, exact)
+    assert (off[0] >= 0).all()
+    assert (off[0] <= np.radians(0.5)).all()
+    assert (off[1] <= 0).all()
+    assert (off[1] >= -np.radians(0.5)).all()
+    assert (off[2] >= -1e-9).all()
+
+
+def test_a_frame_without_a_point_is_not_measured():
+    points, owner = lidar.cast(np.array([[1e5], [300.0], [1.0], [0.0], [4.0], [2.0]]))
+    assert owner.size == 0
+    assert np.isnan(lidar.measure_frames(points, owner, 1)).all()
+
+
+def test_a_reading_puts_its_landmark_where_it_is():
+    pose, mark = np.array([1.0, -2.0, 2.5]), np.array([4.0, 3.0])
+    np.testing.assert_allclose(landmarks.seen_at(pose, np.stack(landmarks.range_bearing(pose, mark))), mark, atol=1e-12)
+
+
+def test_differences_respect_the_cut():
+    heading = Space(("bearing",), ("rad",), angles=(0,))
+    slope = jacobian(lambda x: np.arctan2(x[1], x[0])[None], np.array([-1.0, 1e-9]), heading)
+    np.testing.assert_allclose(slope, [[0.0, -1.0]], atol=1e-6)

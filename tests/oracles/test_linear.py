@@ -1,0 +1,91 @@
+"""On a linear model every member of the family is the Kalman filter, and the Kalman filter is conditioning."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from estlab.filters.gaussian import GaussianFilter, extended, unscented
+from estlab.filters.loop import estimate
+from estlab.maths.transforms import Cubature
+from estlab.metrics.intervals import chi_square_band, mean_interval
+from estlab.metrics.tally import Tally
+from tests import linear
+
+FAMILY = {
+    f"{name}-{noise}": make(noise)
+    for noise in ("additive", "augmented")
+    for name, make in {
+        "ekf": extended,
+        "ukf": lambda noise: unscented(1.0, 2.0, 0.0, noise),
+        "ukf_small": lambda noise: unscented(1e-3, 2.0, 0.0, noise),
+        "ukf_wide": lambda noise: unscented(0.5, 2.0, 3.0, noise),
+        "ckf": lambda noise: GaussianFilter(Cubature(), noise),
+    }.items()
+}
+
+
+def conditioned(record, run):
+    """Mean and covariance of the last state given all readings, from the joint Gaussian of everything at once."""
+    a, g, h = linear.A, linear.G, linear.H
+    steps, n = record.time.size, 3
+    to_start = [np.linalg.matrix_power(a, k + 1) for k in range(steps)]
+    state_cov = np.zeros((steps * n, steps * n))
+    noise_cov = g @ linear.Q @ g.T
+    for i in range(steps):
+        for j in range(steps):
+            block = to_start[i] @ linear.P0 @ to_start[j].T
+            for k in range(min(i, j) + 1):
+                block = block + np.linalg.matrix_power(a, i - k) @ noise_cov @ np.linalg.matrix_power(a, j - k).T
+            state_cov[i * n : i * n + n, j * n : j * n + n] = block
+    mean = np.concatenate([m @ record.prior.mean[:, run] for m in to_start])
+    big_h = np.kron(np.eye(steps), h)
+    s = big_h @ state_cov @ big_h.T + np.kron(np.eye(steps), linear.R)
+    cross = state_cov[-n:] @ big_h.T
+    z = record.readings.values[:, :, run].T.ravel()
+    gain = np.linalg.solve(s, cross.T).T
+    return mean[-n:] + gain @ (z - big_h @ mean), state_cov[-n:, -n:] - gain @ cross.T
+
+
+@pytest.mark.parametrize("name", FAMILY)
+def test_every_member_is_conditioning_of_the_joint_gaussian(name):
+    record = linear.record(range(3), steps=12)
+    found = estimate(FAMILY[name], linear.MOTION, linear.SENSOR, record)
+    for run in range(3):
+        mean, cov = conditioned(record, run)
+        # At alpha = 1e-3 the points are so close that differences keep ten digits.
+        tolerance = 1e-7 if "small" in name else 1e-10
+        np.testing.assert_allclose(found.mean[:, -1, run], mean, atol=tolerance)
+        np.testing.assert_allclose(found.cov[:, :, -1, run], cov, atol=tolerance)
+
+
+def test_anees_and_anis_of_a_matched_linear_filter_lie_in_their_bands():
+    record = linear.record(range(400))
+    found = estimate(FAMILY["ekf-additive"], linear.MOTION, linear.SENSOR, record)
+    tally = Tally(linear.STATE, record.time)
+    tally.add(record, found)
+    nees, nis = tally.nees(), tally.nis()
+    # At each single time the band holds 95 %; 40 correlated times leave it together more than twice in few seeds.
+    for table, column in ((nees, "anees"), (nis, "anis")):
+        inside = (table["lower"] <= table[column]) & (table[column] <= table["upper"])
+        assert inside.mean() >= 0.85
+    rows = {(r["metric"], r["component"]): r for r in tally.metrics()}
+    for metric in ("anees", "anis"):
+        row = rows[metric, "all"]
+        assert row["ci_low"] < 1.0 < row["ci_high"]
+        assert row["ci_high"] - row["ci_low"] < 0.1
+    share = rows["inside_3sigma", "position"]
+    assert abs(share["value"] - 0.9973) < 0.002
+
+
+def test_the_chi_square_band_is_scipys():
+    lower, upper = chi_square_band(np.array([3, 600]))
+    for i, freedom in enumerate((3, 600)):
+        np.testing.assert_allclose([lower[i], upper[i]], chi2(freedom).ppf([0.025, 0.975]) / freedom, rtol=1e-9)
+    assert np.isnan(chi_square_band(np.array([0]))).all()
+
+
+def test_intervals_of_one_run_are_not_invented():
+    value, low, high, n = mean_interval(np.array([3.0, np.nan]))
+    assert (value, n) == (3.0, 1)
+    assert np.isnan([low, high]).all()
+    assert np.isnan(mean_interval(np.array([np.nan])).value)
