@@ -148,7 +148,7 @@ def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except UserError as error:
             codes.append(_complain(str(error)))
 
-    sys.argv = ["estlab", *arguments]
+    sys.argv = ["estlab", *_several_filters(arguments)]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -170,6 +170,21 @@ def _hydra(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     return max(codes, default=OK)
 
 
+def _several_filters(arguments: list[str]) -> list[str]:
+    """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
+    written: list[str] = []
+    for argument in arguments:
+        if match := re.fullmatch(r"filter=\[([^\]]*)\]", argument):
+            names = [name.strip() for name in match[1].split(",") if name.strip()]
+            if len(names) != len(set(names)) or not names:
+                raise UserError(f"{argument}: name each filter once, for example filter=[ekf,ukf]")
+            written += [f"filter={names[0]}", *(f"+filter@filters.{name}={name}" for name in names)]
+            written.append(f"hydra.job.name={'-'.join(names)}")
+        else:
+            written.append(argument)
+    return written
+
+
 def _interrupt(number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
@@ -184,7 +199,7 @@ def _run_job(command: list[str], config: "DictConfig") -> int:
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
         settings, names = _settings(config)
-        experiment.check(settings)
+        experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except UserError:
         _remove_if_empty(folder)

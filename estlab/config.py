@@ -15,7 +15,7 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal, Union
 
 from estlab.errors import UserError
-from estlab.filters.gaussian import GaussianFilter
+from estlab.filters.contract import Filter
 from estlab.scenarios.contract import Scales, Scenario
 
 Node = Mapping[str, Any]
@@ -43,7 +43,8 @@ class Settings:
     """A run's whole configuration, as objects."""
 
     scenario: Scenario
-    filter: GaussianFilter
+    filter: Filter
+    filters: dict[str, Filter]
     noise: Noise
     data: Data
     runs: int
@@ -51,6 +52,7 @@ class Settings:
     seed: int
     keep_runs: int
     block_runs: int
+    smooth: bool
     plots: bool
     output: str
     plugins: list[str]
@@ -153,6 +155,8 @@ class _Builder:
             if not isinstance(value, Sequence) or isinstance(value, str):
                 raise UserError(f"{path} must be a list, got {value!r}")
             return [self.convert(item, arguments[0], f"{path}[{i}]") for i, item in enumerate(value)]
+        if origin is dict:
+            return {key: self.convert(item, arguments[1], _join(path, key)) for key, item in value.items()}
         return _scalar(value, hint, path)
 
 

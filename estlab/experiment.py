@@ -1,17 +1,18 @@
-"""One experiment from settings to a run directory. It assembles records, filter, metrics, report; it computes none."""
+"""One experiment from settings to a run directory. It assembles records, filters, metrics, report; it computes none."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from estlab import rundir
 from estlab.config import Settings
 from estlab.errors import UserError
-from estlab.filters.loop import estimate
+from estlab.filters.contract import Filter
+from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.metrics.tally import Tally
@@ -22,6 +23,8 @@ from estlab.scenarios.contract import History
 
 log = logging.getLogger("estlab")
 
+SMOOTHED = "_smoothed"
+
 
 @dataclass(frozen=True)
 class Names:
@@ -31,14 +34,25 @@ class Names:
     filter: str
 
 
-def check(settings: Settings) -> None:
+@dataclass
+class Ensemble:
+    """All runs of all filters: what was there, a tally for each set of estimates, the histories kept, by filter's name."""
+
+    record: Record
+    tallies: dict[str, Tally]
+    kept: dict[str, dict[str, Array]]
+
+
+def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
     if settings.data.path is not None and settings.data.source == "simulated":
         raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
-    try:
-        settings.filter.check(settings.scenario.motion(settings.noise.filter))
-    except ValueError as error:
-        raise UserError(f"filter.{error}") from error
+    for name, filter in _filters(settings, names).items():
+        key = f"filters.{name}" if settings.filters else "filter"
+        try:
+            _loop(settings, filter, np.empty((0, 1))).check(settings.smooth)
+        except ValueError as error:
+            raise UserError(f"{key}.{error}") from error
 
 
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> None:
@@ -46,25 +60,32 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
 
     Raises UserError for data that cannot be used, OSError for a disk that cannot be written.
     """
-    log.info("%s with %s, %d runs, seed %d", names.scenario, names.filter, settings.runs, settings.seed)
+    filters = _filters(settings, names)
+    log.info("%s with %s, %d runs, seed %d", names.scenario, ", ".join(filters), settings.runs, settings.seed)
     directory.write_provenance(command, settings.seed, ())
-    scenario = settings.scenario
-    tally, kept, record = _ensemble(settings, names)
-    ensemble = f"{settings.runs} run{'s' * (settings.runs > 1)} × {record.time.size} steps"
-    title = f"{names.scenario} · {names.filter} · {ensemble} · seed {settings.seed}"
-    for remark in record.remarks:
-        log.warning(remark)
-    log.info("%d of %d runs diverged", tally.diverged.sum(), settings.runs)
-    if tally.diverged.any():
-        log.warning("diverged runs: %s", " ".join(map(str, np.flatnonzero(tally.diverged)[:100])))
+    ensemble = _ensemble(settings, names, filters)
+    record, tallies = ensemble.record, ensemble.tallies
+    size = f"{settings.runs} run{'s' * (settings.runs > 1)} × {record.time.size} step{'s' * (record.time.size > 1)}"
+    title = f"{names.scenario} · {', '.join(filters)} · {size} · seed {settings.seed}"
+    _log_outcome(ensemble, settings.runs)
 
-    rows = tally.metrics()
-    first = kept["truth"][..., 0], kept["mean"][..., 0], kept["cov"][..., 0]
-    _write_table(directory, rundir.ERRORS, tally.errors(first), names)
-    _write_table(directory, rundir.NEES, tally.nees(), names)
-    _write_table(directory, rundir.NIS, tally.nis(), names)
-    _write_table(directory, rundir.METRICS, rows, names)
-    directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **kept))
+    rows = {name: tally.metrics() for name, tally in tallies.items()}
+    first = {name: (k["truth"][..., 0], k["mean"][..., 0], k["cov"][..., 0]) for name, k in ensemble.kept.items()}
+    written: dict[str, Mapping[str, tables.Table]] = {
+        rundir.ERRORS: {name: tally.errors(first[name]) for name, tally in tallies.items()},
+        rundir.NEES: {name: tally.nees() for name, tally in tallies.items()},
+        rundir.NIS: {name: tally.nis() for name, tally in tallies.items()},
+        rundir.NOTES: {name: tally.notes() for name, tally in tallies.items()},
+        rundir.METRICS: rows,
+    }
+    for file, by_filter in written.items():
+        directory.write(file, partial(tables.write_csv, by_filter))
+    histories = _histories(ensemble)
+    directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **histories))
+    scenario = settings.scenario
+    own = scenario.table({name: _history(histories, name, len(tallies)) for name in tallies})
+    if own:
+        directory.write(f"{names.scenario}.csv", partial(tables.write_columns, own))
     if settings.plots:
         plots.draw_all(
             directory.path,
@@ -72,10 +93,11 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
             scenario.space,
             title,
             settings.runs,
-            lambda axes, arrays: scenario.draw(axes, History(**arrays)),
+            lambda axes, name: scenario.draw(axes, _history(histories, name, len(tallies))),
+            lambda: scenario.pictures({name: _history(histories, name, len(tallies)) for name in tallies}),
         )
     directory.write_provenance(command, settings.seed, record.files, steps=record.time.size, runs=settings.runs)
-    terminal.summary(title, rows, record.remarks, str(_short(directory.path)))
+    terminal.summary(title, rows, own, record.remarks, str(_short(directory.path)))
 
 
 def simulate(settings: Settings, names: Names) -> list[Path]:
@@ -93,23 +115,39 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another data.path") from error
 
 
-def _ensemble(settings: Settings, names: Names) -> tuple[Tally, dict[str, Array], Record]:
-    """All runs block by block: the tally, the kept histories and the first block's record."""
-    scenario = settings.scenario
-    motion = scenario.motion(settings.noise.filter)
-    scheme, pause = scenario.scheme
+def _filters(settings: Settings, names: Names) -> dict[str, Filter]:
+    return settings.filters or {names.filter: settings.filter}
+
+
+def _loop(settings: Settings, filter: Filter, places: Array) -> Loop:
+    scenario, noise = settings.scenario, settings.noise.filter
+    return Loop(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+
+
+def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter]) -> Ensemble:
+    """All runs block by block, every filter on the same record."""
+    scenario, streams = settings.scenario, Streams(settings.seed, names.scenario)
     blocks = list(_blocks(settings))
     first = _record(settings, names, blocks[0])
-    sensor = scenario.sensor(settings.noise.filter, first.places)
-    tally = Tally(scenario.space, first.time)
-    kept: dict[str, Array] = {}
-    with terminal.progress(len(blocks) * first.time.size, f"{names.scenario} {names.filter}") as tick:
+    loops = {name: _loop(settings, filter, first.places) for name, filter in filters.items()}
+    ensemble = Ensemble(first, {}, {})
+    ticks = len(blocks) * first.time.size * len(filters)
+    with terminal.progress(ticks, f"{names.scenario} {' '.join(filters)}") as tick:
         for block in blocks:
             record = first if block is blocks[0] else _record(settings, names, block)
-            estimates = estimate(settings.filter, motion, sensor, record, scheme, pause, tick)
-            tally.add(record, estimates)
-            kept = kept or _histories(record, estimates, min(settings.keep_runs, settings.runs))
-    return tally, kept, first
+            for name, loop in loops.items():
+                draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
+                found = {}
+                if settings.smooth:
+                    found[name], found[name + SMOOTHED] = loop.estimate_and_smooth(record, draws, tick)
+                else:
+                    found[name] = loop.estimate(record, draws, tick)
+                for label, estimates in found.items():
+                    if label not in ensemble.tallies:
+                        ensemble.tallies[label] = Tally(scenario.space, first.time, scenario.found_within)
+                        ensemble.kept[label] = _kept(record, estimates, min(settings.keep_runs, settings.runs))
+                    ensemble.tallies[label].add(record, estimates)
+    return ensemble
 
 
 def _blocks(settings: Settings) -> Iterator[range]:
@@ -130,26 +168,60 @@ def _record(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     return record.first(settings.steps)
 
 
-def _histories(record: Record, estimates: Estimates, count: int) -> dict[str, Array]:
-    """The arrays of estimates.npz: the first runs whole, without readings that none of them has."""
-    readings = record.readings
-    taken = np.isfinite(readings.values[:, :, :count]).any(axis=(0, 2))
+def _kept(record: Record, estimates: Estimates, count: int) -> dict[str, Array]:
     return {
-        "time": record.time,
         "truth": record.truth[:, :, :count],
         "mean": estimates.mean[:, :, :count],
         "cov": estimates.cov[:, :, :, :count],
+    }
+
+
+def _histories(ensemble: Ensemble) -> dict[str, Array]:
+    """The arrays of estimates.npz: the first runs whole, without readings that none of them has.
+
+    mean and cov for one filter, <filter>.mean and <filter>.cov for several.
+    """
+    readings, record = ensemble.record.readings, ensemble.record
+    count = next(iter(ensemble.kept.values()))["truth"].shape[2]
+    taken = np.isfinite(readings.values[:, :, :count]).any(axis=(0, 2))
+    arrays = {
+        "time": record.time,
+        "truth": record.truth[:, :, :count],
         "step": readings.step[taken],
         "values": readings.values[:, taken, :count],
         "target": readings.target[taken, :count],
         "places": record.places,
     }
+    for name, kept in ensemble.kept.items():
+        prefix = f"{name}." if len(ensemble.kept) > 1 else ""
+        arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
+    return arrays | {f"shown.{name}": array for name, array in record.shown.items()}
 
 
-def _write_table(
-    directory: RunDirectory, name: str, columns: Mapping[str, Any] | Sequence[Mapping[str, Any]], names: Names
-) -> None:
-    directory.write(name, lambda stream: tables.write_csv(stream, columns, names.filter))
+def _history(arrays: dict[str, Array], name: str, filters: int) -> History:
+    """Run 0 of a filter, from the arrays of estimates.npz."""
+    prefix = f"{name}." if filters > 1 else ""
+    shown = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
+    return History(
+        time=arrays["time"],
+        truth=arrays["truth"][..., 0],
+        mean=arrays[f"{prefix}mean"][..., 0],
+        cov=arrays[f"{prefix}cov"][..., 0],
+        step=arrays["step"],
+        values=arrays["values"][..., 0],
+        target=arrays["target"][..., 0],
+        places=arrays["places"],
+        shown=shown,
+    )
+
+
+def _log_outcome(ensemble: Ensemble, runs: int) -> None:
+    for remark in ensemble.record.remarks:
+        log.warning(remark)
+    for name, tally in ensemble.tallies.items():
+        log.info("%s: %d of %d runs diverged", name, tally.diverged.sum(), runs)
+        if tally.diverged.any():
+            log.warning("%s diverged in runs: %s", name, " ".join(map(str, np.flatnonzero(tally.diverged)[:100])))
 
 
 def _short(path: Path) -> Path:

@@ -7,6 +7,7 @@ import numpy as np
 
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.space import Array
+from estlab.maths.uniform import Uniform
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,10 @@ class Record:
     """An ensemble of runs on one time line.
 
     start: the time of the prior [s]. time: (T,) [s], ascending from start. truth: (n, T, runs), NaN where not known.
-    control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at
-    start, mean (n, runs) and cov (n, n). files: what was read. remarks: what a reader of the results must know.
+    control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at start,
+    a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read. remarks: what a reader of the results must know.
     places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
+    shown: further arrays for a problem's own pictures, kept in the run directory.
     """
 
     start: float
@@ -41,15 +43,21 @@ class Record:
     truth: Array
     control: Array
     readings: Readings
-    prior: Gaussian
+    prior: Gaussian | Uniform
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
     places: Array = field(default_factory=lambda: np.empty((0, 1)))
     raw: dict[str, Array] = field(default_factory=dict)
+    shown: dict[str, Array] = field(default_factory=dict)
 
     @property
     def runs(self) -> int:
-        return int(self.prior.mean.shape[1])
+        return int(self.readings.values.shape[2])
+
+    @property
+    def each_its_own(self) -> bool:
+        """Whether each run has a belief of its own; else they share one, having the same prior and no readings."""
+        return isinstance(self.prior, Uniform) or self.prior.mean.shape[1] == self.runs
 
     def first(self, steps: int | None) -> "Record":
         """The record up to this many steps."""
@@ -72,12 +80,14 @@ class Estimates:
 
     mean: (n, T, runs). cov: (n, n, T, runs). nis: (T, runs), the normalised innovation squared summed over the step's
     readings. nis_size: (T, runs), how many numbers were measured, the degrees of freedom of nis.
+    notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     """
 
     mean: Array
     cov: Array
     nis: Array
     nis_size: Array
+    notes: dict[str, Array]
 
     @property
     def diverged(self) -> Array:

@@ -23,14 +23,8 @@ from estlab.errors import UserError
 State = Literal["running", "ok", "failed", "interrupted"]
 
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
-ERRORS, NEES, NIS, METRICS, ESTIMATES, PLOTS = (
-    "errors.csv",
-    "nees.csv",
-    "nis.csv",
-    "metrics.csv",
-    "estimates.npz",
-    "plots",
-)
+ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
+ESTIMATES, PLOTS = "estimates.npz", "plots"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
 # The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.

@@ -9,6 +9,9 @@ from omegaconf import OmegaConf
 
 from estlab.cli import conf_folder
 from estlab.config import Settings, build
+from estlab.filters.loop import Loop
+from estlab.maths.streams import Streams
+from estlab.record import Estimates
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared" / "data"
@@ -39,3 +42,9 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the real recordings are not beside this checkout (../shared/data)")
     return SHARED
+
+
+def estimate(filter, motion, sensor, record, scheme="sequential", pause=0.0, numbers=None) -> Estimates:
+    """A filter over a record, its streams keyed by the runs' numbers, from 0 unless given."""
+    draws = Streams(1, "test").draws("filter", numbers or range(record.runs))
+    return Loop(filter, motion, sensor, scheme, pause).estimate(record, draws)

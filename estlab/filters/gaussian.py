@@ -1,69 +1,82 @@
 """The Gaussian filter family: one prediction, one gain, any transform."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
+from estlab.filters.contract import Filter, Fit, Prior, no_fit
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky, gram, sandwich, solve_lower, symmetric, transpose
+from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Array
-from estlab.maths.transforms import Linearised, Transform, Unscented
+from estlab.maths.streams import Draws
+from estlab.maths.transforms import Linearised, Moments, SecondOrder, Transform
 from estlab.models.contract import Motion, Sensor
 
-
-class Innovation(NamedTuple):
-    """How a reading fitted: its normalised innovation squared (runs,) and the numbers in it (runs,)."""
-
-    nis: Array
-    size: Array
+Noise = Literal["additive", "augmented"]
 
 
 @dataclass(frozen=True)
-class GaussianFilter:
+class GaussianFilter(Filter):
     """Predict and update a Gaussian belief. Saerkkae 2013, chapter 6: the moment-matching filter.
 
     transform: how a belief goes through a model; this alone makes it an EKF, UKF or CKF.
     noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends the state
     alone and adds their covariances, linearised in the process noise.
+    gate: the share of right readings that pass, such as 0.999; a reading whose NIS lies beyond that quantile is
+    refused. None lets all pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
     """
 
     transform: Transform
-    noise: Literal["additive", "augmented"]
+    noise: Noise
+    gate: float | None
 
-    def check(self, motion: Motion) -> None:
-        """Raise ValueError, naming the key, if the transform is not defined for this state and its noise."""
+    def __post_init__(self) -> None:
+        if self.gate is not None and not 0.0 < self.gate < 1.0:
+            raise ValueError(f"gate must lie between 0 and 1, or be null, got {self.gate:g}")
+
+    def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size
         self.transform.check(n)
         if self.noise == "augmented":
             self.transform.check(n + motion.noise_size)
+            self.transform.check(n + sensor.space.size)
 
-    def start(self, prior: Gaussian) -> Gaussian:
-        """The belief before the first step, with a covariance for each run."""
-        runs = prior.mean.shape[1]
-        n = prior.mean.shape[0]
-        return Gaussian(prior.mean, np.broadcast_to(prior.cov.reshape(n, n, -1), (n, n, runs)))
+    def start(self, prior: Prior, draws: Draws) -> Gaussian:
+        mean, cov = prior.fitted()
+        n, runs = mean.shape
+        return Gaussian(mean, np.broadcast_to(cov.reshape(n, n, -1), (n, n, runs)))
 
     def predict(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Gaussian:
-        """The belief dt [s] later."""
+        moments = self.propagate(motion, belief, control, dt)
+        return Gaussian(moments.mean, moments.cov)
+
+    def propagate(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
+        """The prediction with its cross-covariance to the state before, which a smoother needs."""
         noise_cov = motion.noise_cov(control, dt)
         if self.noise == "augmented":
-            moments = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov))
-            return Gaussian(moments.mean, moments.cov)
+            joint = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov))
+            return joint._replace(cross=joint.cross[: motion.space.size])
         moments = self.transform(motion.function(control, dt), belief)
         slope = motion.noise_jacobian(belief.mean, control, dt)
-        return Gaussian(moments.mean, moments.cov + sandwich(slope, noise_cov))
+        return moments._replace(cov=moments.cov + sandwich(slope, noise_cov))
 
-    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Innovation]:
-        """The belief given a reading (m, runs) about places (p, runs). A NaN in the reading was not measured."""
-        n = belief.mean.shape[0]
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
+        return self.condition(sensor, belief, self.predicted(sensor, belief, place), reading)
+
+    def predicted(self, sensor: Sensor, belief: Gaussian, place: Array) -> Moments:
+        """Mean and covariance of the reading to come, noise included, and its cross-covariance with the state."""
         if self.noise == "augmented":
-            predicted = self.transform(sensor.joint_function(place, n), belief.joined(sensor.noise_cov))
-            cross, innovation_cov = predicted.cross[:n], predicted.cov
-        else:
-            predicted = self.transform(sensor.function(place), belief)
-            cross = predicted.cross
-            innovation_cov = predicted.cov + sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1)
+            n = belief.mean.shape[0]
+            joint = self.transform(sensor.joint_function(place, n), belief.joined(sensor.noise_cov))
+            return joint._replace(cross=joint.cross[:n])
+        moments = self.transform(sensor.function(place), belief)
+        return moments._replace(cov=moments.cov + sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1))
+
+    def condition(self, sensor: Sensor, belief: Gaussian, predicted: Moments, reading: Array) -> tuple[Gaussian, Fit]:
+        """The one gain: a belief given a reading, from the joint moments of both."""
+        cross, innovation_cov = predicted.cross, predicted.cov
         residual = sensor.space.minus(reading, predicted.mean)
         missing = np.isnan(reading)
         if missing.any():
@@ -73,30 +86,100 @@ class GaussianFilter:
         factor = cholesky(innovation_cov)
         gain = solve_lower(factor, transpose(cross))
         whitened = solve_lower(factor, residual[:, None])[:, 0]
+        size = (~missing).sum(axis=0)
+        nis = np.einsum("i...,i...->...", whitened, whitened)
+        refused = np.zeros(nis.shape, dtype=bool) if self.gate is None else nis > chi_square_quantile(self.gate, size)
+        if refused.any():
+            gain, whitened = np.where(refused, 0.0, gain), np.where(refused, 0.0, whitened)
+            nis, size = np.where(refused, 0.0, nis), np.where(refused, 0, size)
         mean = sensor.state.plus(belief.mean, np.einsum("ik...,i...->k...", gain, whitened))
         cov = symmetric(belief.cov - gram(transpose(gain)))
-        nis = np.einsum("i...,i...->...", whitened, whitened)
-        return Gaussian(mean, cov), Innovation(nis, (~missing).sum(axis=0))
+        return Gaussian(mean, cov), Fit(nis, size, refused.astype(int))
+
+    def moments(self, belief: Gaussian, motion: Motion) -> Gaussian:
+        return belief
 
 
 @dataclass(frozen=True)
 class DeadReckoning(GaussianFilter):
     """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
 
-    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Innovation]:
-        """The belief as it was."""
-        nothing = np.zeros(belief.mean.shape[1:])
-        return belief, Innovation(nothing, nothing.astype(int))
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
+        return belief, no_fit(belief.mean.shape[1])
 
 
-def extended(noise: Literal["additive", "augmented"]) -> GaussianFilter:
+@dataclass(frozen=True)
+class IteratedFilter(GaussianFilter):
+    """The update repeated, the sensor linearised each time about the estimate it gave: Gauss-Newton. Bell and Cathey 1993.
+
+    iterations: >= 1 linearisations; 1 is the EKF. The fit is that of the first, about the prediction.
+    """
+
+    iterations: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.iterations < 1:
+            raise ValueError(f"iterations must be >= 1, got {self.iterations}")
+
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
+        found, fit = super().update(sensor, belief, reading, place)
+        noise_cov = sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1)
+        for _ in range(self.iterations - 1):
+            offset = sensor.state.minus(belief.mean, found.mean)
+            moments = Linearised().about(sensor.function(place), belief, found.mean, offset)
+            again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading)
+            refused = fit.gated.astype(bool)
+            found = Gaussian(np.where(refused, found.mean, again.mean), np.where(refused, found.cov, again.cov))
+        return found, fit
+
+
+def extended(noise: Noise, gate: float | None) -> GaussianFilter:
     """The extended Kalman filter. Jazwinski 1970, theorem 8.1."""
-    return GaussianFilter(Linearised(), noise)
+    return GaussianFilter(Linearised(), noise, gate)
 
 
-def unscented(alpha: float, beta: float, kappa: float, noise: Literal["additive", "augmented"]) -> GaussianFilter:
-    """The unscented Kalman filter with the scaled sigma points. Van der Merwe 2004, algorithms 3.1 and 3.2."""
-    return GaussianFilter(Unscented(alpha, beta, kappa), noise)
+def dead_reckoning() -> DeadReckoning:
+    """The models alone, linearised for the covariance."""
+    return DeadReckoning(Linearised(), "additive", None)
+
+
+def second_order(form: Literal["gaussian", "modified"], noise: Noise, gate: float | None) -> GaussianFilter:
+    """The second-order filter. Bar-Shalom, Li and Kirubarajan 2001, section 10.3.2; modified as in document 004."""
+    return GaussianFilter(SecondOrder(form), noise, gate)
+
+
+def gauss_hermite(order: int, noise: Noise, gate: float | None) -> GaussianFilter:
+    """The Gauss-Hermite Kalman filter. Ito and Xiong 2000."""
+    return GaussianFilter(GaussHermite(order), noise, gate)
+
+
+def iterated(iterations: int, gate: float | None) -> IteratedFilter:
+    """The iterated extended Kalman filter. Bell and Cathey 1993."""
+    return IteratedFilter(Linearised(), "additive", gate, iterations)
+
+
+def unscented(
+    points: Literal["merwe", "julier", "simplex"],
+    alpha: float,
+    beta: float,
+    kappa: float,
+    noise: Noise,
+    gate: float | None,
+) -> GaussianFilter:
+    """The unscented Kalman filter. Van der Merwe 2004, algorithms 3.1 and 3.2.
+
+    points: ``merwe``, the scaled set of alpha, beta, kappa; ``julier``, of kappa alone; ``simplex``, of none.
+    """
+    sets: dict[str, Transform] = {"merwe": Scaled(alpha, beta, kappa), "julier": Julier(kappa), "simplex": Simplex()}
+    return GaussianFilter(sets[points], noise, gate)
+
+
+def chi_square_quantile(share: float, freedom: Array) -> Array:
+    """What a chi-square of these degrees of freedom stays below with this probability; infinite for no freedom."""
+    from scipy.special import gammaincinv
+
+    return np.where(freedom > 0, 2.0 * gammaincinv(0.5 * np.maximum(freedom, 1), share), np.inf)
 
 
 def _without(missing: Array, cross: Array, innovation_cov: Array, residual: Array) -> tuple[Array, Array, Array]:

@@ -1,76 +1,103 @@
 """A filter over the time line of a record."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.gaussian import GaussianFilter, Innovation
-from estlab.maths.gaussian import Gaussian
+from estlab.filters.contract import Filter, Fit, no_fit
+from estlab.filters.gaussian import GaussianFilter
+from estlab.filters.smoother import Link, smooth
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Estimates, Record
 
 Scheme = Literal["sequential", "stacked", "interleaved"]
 
 
-def estimate(
-    filter: GaussianFilter,
-    motion: Motion,
-    sensor: Sensor,
-    record: Record,
-    scheme: Scheme = "sequential",
-    pause: float = 0.0,
-    tick: Callable[[], None] = lambda: None,
-) -> Estimates:
+class Loop:
     """Predict to each time, then update with the readings taken there.
 
     scheme: what to do with several readings at one time: one after another, as one long reading, or one after another
-    with a prediction of ``pause`` [s] at zero command between. tick: called after every step.
+    with a prediction of ``pause`` [s] at zero command between.
     A belief that stops being one becomes NaN and stays so; the other runs go on.
     """
-    steps, runs, n = record.time.size, record.runs, motion.space.size
-    mean, cov = np.empty((n, steps, runs)), np.empty((n, n, steps, runs))
-    nis, size = np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
-    lapse = np.diff(record.time, prepend=record.start)
-    bounds = record.readings.bounds(steps)
-    belief = filter.start(record.prior)
-    # NaN is how a run says that it diverged, so the arithmetic that carries it is not worth a warning.
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        for k in range(steps):
-            control = record.control[:, k]
-            if lapse[k] > 0.0:
-                belief = filter.predict(motion, belief, control, float(lapse[k]))
-            taken = slice(bounds[k], bounds[k + 1])
-            if taken.stop > taken.start:
-                belief, fit = _update(filter, motion, sensor, belief, record, taken, scheme, pause)
-                nis[k], size[k] = fit
-            mean[:, k], cov[:, :, k] = belief
-            tick()
-    return Estimates(mean, cov, nis, size)
 
+    def __init__(
+        self, filter: Filter, motion: Motion, sensor: Sensor, scheme: Scheme = "sequential", pause: float = 0.0
+    ) -> None:
+        self.filter, self.motion, self.sensor, self.scheme, self.pause = filter, motion, sensor, scheme, pause
 
-def _update(
-    filter: GaussianFilter,
-    motion: Motion,
-    sensor: Sensor,
-    belief: Gaussian,
-    record: Record,
-    taken: slice,
-    scheme: Scheme,
-    pause: float,
-) -> tuple[Gaussian, Innovation]:
-    values = record.readings.values[:, taken]
-    places = sensor.place(record.readings.target[taken])
-    m, count, runs = values.shape
-    if scheme == "stacked" and count > 1:
-        long = np.swapaxes(values, 0, 1).reshape(count * m, runs)
-        return filter.update(sensor.times(count), belief, long, places)
+    def check(self, smoothed: bool) -> None:
+        """Raise ValueError if filter, models and scheme do not go together."""
+        self.filter.check(self.motion, self.sensor)
+        if smoothed and not isinstance(self.filter, GaussianFilter):
+            raise ValueError("the smoother is that of the Gaussian family (ekf, ukf, ckf, ...); set smooth=false")
+        if smoothed and self.scheme == "interleaved":
+            raise ValueError("the smoother knows no prediction between readings; set smooth=false or another update")
 
-    nis, size = np.zeros(runs), np.zeros(runs, dtype=int)
-    at_rest = np.zeros((record.control.shape[0], 1))
-    for i in range(count):
-        if scheme == "interleaved" and i > 0:
-            belief = filter.predict(motion, belief, at_rest, pause)
-        belief, fit = filter.update(sensor, belief, values[:, i], places[:, i])
-        nis, size = nis + fit.nis, size + fit.size
-    return belief, Innovation(nis, size)
+    def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
+        """The belief after each step. draws: the filter's own streams. tick: called after every step."""
+        return self._forward(record, draws, tick, None)
+
+    def estimate_and_smooth(
+        self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None
+    ) -> tuple[Estimates, Estimates]:
+        """The belief after each step, and what it is in the light of all readings."""
+        links: list[Link | None] = []
+        filtered = self._forward(record, draws, tick, links)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            mean, cov = smooth(self.motion.space, links, filtered.mean, filtered.cov)
+        nothing = np.zeros_like(filtered.nis)
+        return filtered, Estimates(mean, cov, nothing, nothing.astype(int), {})
+
+    def _forward(
+        self, record: Record, draws: Draws, tick: Callable[[], None], links: list[Link | None] | None
+    ) -> Estimates:
+        steps, runs, n = record.time.size, record.runs, self.motion.space.size
+        mean, cov = np.empty((n, steps, runs)), np.empty((n, n, steps, runs))
+        nis, size = np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
+        notes: dict[str, Array] = {"gated": np.zeros((steps, runs))}
+        lapse = np.diff(record.time, prepend=record.start)
+        bounds = record.readings.bounds(steps)
+        belief = self.filter.start(record.prior, draws)
+        # NaN is how a run says that it diverged, so the arithmetic that carries it is not worth a warning.
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for k in range(steps):
+                belief, link = self._predict(belief, record.control[:, k], float(lapse[k]), links is not None)
+                if links is not None:
+                    links.append(link)
+                if bounds[k + 1] > bounds[k]:
+                    belief, fit = self._update(belief, record, slice(bounds[k], bounds[k + 1]))
+                    nis[k], size[k], notes["gated"][k] = fit
+                mean[:, k], cov[:, :, k] = self.filter.moments(belief, self.motion)
+                for name, values in self.filter.notes(belief).items():
+                    notes.setdefault(name, np.zeros((steps, runs)))[k] = values
+                tick()
+        return Estimates(mean, cov, nis, size, notes)
+
+    def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
+        if lapse <= 0.0:
+            return belief, None
+        if linked and isinstance(self.filter, GaussianFilter):
+            after = self.filter.propagate(self.motion, belief, control, lapse)
+            return belief._replace(mean=after.mean, cov=after.cov), Link(belief, after)
+        return self.filter.predict(self.motion, belief, control, lapse), None
+
+    def _update(self, belief: Any, record: Record, taken: slice) -> tuple[Any, Fit]:
+        values = record.readings.values[:, taken]
+        places = self.sensor.place(record.readings.target[taken])
+        m, count, runs = values.shape
+        if self.scheme == "stacked" and count > 1:
+            long = np.swapaxes(values, 0, 1).reshape(count * m, runs)
+            return self.filter.update(self.sensor.times(count), belief, long, places)
+
+        fit = no_fit(runs)
+        at_rest = np.zeros((record.control.shape[0], 1))
+        for i in range(count):
+            if self.scheme == "interleaved" and i > 0:
+                belief = self.filter.predict(self.motion, belief, at_rest, self.pause)
+            belief, one = self.filter.update(self.sensor, belief, values[:, i], places[:, i])
+            fit = fit.plus(one)
+        return belief, fit

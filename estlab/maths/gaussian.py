@@ -6,6 +6,7 @@ import numpy as np
 
 from estlab.maths.linalg import block_diagonal, cholesky
 from estlab.maths.space import Array, Space
+from estlab.maths.streams import Draws
 
 
 class Gaussian(NamedTuple):
@@ -13,6 +14,15 @@ class Gaussian(NamedTuple):
 
     mean: Array
     cov: Array
+
+    def fitted(self) -> "Gaussian":
+        """Itself: any prior can be asked for the Gaussian that stands for it."""
+        return self
+
+    def sample(self, draws: Draws, count: int) -> Array:
+        """Points (n, count, *batch). Angles are not wrapped: the points spread about their mean."""
+        z = draws.normals((self.mean.shape[0], count))
+        return self.mean[:, None] + np.einsum("ik...,kp...->ip...", cholesky(self.cov), z)
 
     def joined(self, noise_cov: Array) -> "Gaussian":
         """The joint belief in (state, noise): independent noise of zero mean and this covariance (q, q, *batch)."""

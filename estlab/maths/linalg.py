@@ -51,6 +51,8 @@ def cholesky(p: Array) -> Array:
         column = p[j:, j] - np.einsum("ik...,k...->i...", factor[j:, :j], factor[j, :j])
         pivot = np.sqrt(np.where(column[0] > 0.0, column[0], np.nan))
         factor[j:, j] = column / pivot
+    if n == 0:
+        return factor
     # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
     failed = ~np.isfinite(factor[-1, -1])
     if np.any(failed):
@@ -63,6 +65,15 @@ def solve_lower(factor: Array, b: Array) -> Array:
     solution = np.empty(np.broadcast_shapes(factor[:, :1].shape, b.shape))
     for i in range(factor.shape[0]):
         known = np.einsum("j...,jk...->k...", factor[i, :i], solution[:i])
+        solution[i] = (b[i] - known) / factor[i, i]
+    return solution
+
+
+def solve_lower_transposed(factor: Array, b: Array) -> Array:
+    """L'^-1 B by backward substitution, for L (m, m, *batch) and B (m, k, *batch)."""
+    solution = np.empty(np.broadcast_shapes(factor[:, :1].shape, b.shape))
+    for i in reversed(range(factor.shape[0])):
+        known = np.einsum("j...,jk...->k...", factor[i + 1 :, i], solution[i + 1 :])
         solution[i] = (b[i] - known) / factor[i, i]
     return solution
 

@@ -60,6 +60,17 @@ class Space:
         steps = self.minus(points, about)
         return self.plus(about[:, 0], np.einsum("ip...,p...->i...", steps, weights))
 
+    def cloud_mean(self, points: Array, weights: Array) -> Array:
+        """Weighted mean of a cloud (n, p, *batch) that may lie all round, with weights (p, *batch) >= 0 that sum to one.
+
+        Angles by the circular mean, the direction of the weighted sum of unit vectors. Mardia and Jupp 2000, section 2.2.1.
+        """
+        mean = np.einsum("ip...,p...->i...", points, weights)
+        for i in self.angles:
+            sine, cosine = (np.einsum("p...,p...->...", f(points[i]), weights) for f in (np.sin, np.cos))
+            mean[i] = np.arctan2(sine, cosine)
+        return mean
+
     def repeat(self, times: int) -> "Space":
         """The space of several vectors of this one, one after another."""
         return Space(

@@ -28,8 +28,31 @@ class Streams:
 
     def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
-        return np.stack([self.generator(purpose, run).standard_normal(shape) for run in runs], axis=-1)
+        return self.draws(purpose, runs).normals(shape)
+
+    def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
+        """The streams of several runs, to be drawn from as one goes along."""
+        return Draws([self.generator(purpose, run) for run in runs])
 
     def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
-        return np.stack([self.generator(purpose, run).random(shape) for run in runs], axis=-1)
+        return self.draws(purpose, runs).uniforms(shape)
+
+
+class Draws:
+    """Random numbers for a batch of runs, drawn step by step, each run from its own stream."""
+
+    def __init__(self, generators: list[np.random.Generator]) -> None:
+        self._generators = generators
+
+    def of(self, runs: Iterable[int]) -> "Draws":
+        """The streams of some of the runs, by their place in this batch."""
+        return Draws([self._generators[run] for run in runs])
+
+    def normals(self, shape: tuple[int, ...]) -> Array:
+        """Standard normal numbers (*shape, runs)."""
+        return np.stack([generator.standard_normal(shape) for generator in self._generators], axis=-1)
+
+    def uniforms(self, shape: tuple[int, ...]) -> Array:
+        """Numbers uniform on [0, 1) of shape (*shape, runs)."""
+        return np.stack([generator.random(shape) for generator in self._generators], axis=-1)

@@ -25,6 +25,7 @@ class Tally:
 
     space: Space
     time: Array
+    found_within: float | None = None
     sums: dict[str, Array] = field(default_factory=dict)
     per_run: dict[str, list[Array]] = field(default_factory=dict)
 
@@ -51,6 +52,8 @@ class Tally:
             nis_size=size.sum(-1),
             nis_runs=(size > 0).sum(-1),
         )
+        self._add_sums(**{f"note_{name}": values.sum(-1) for name, values in estimates.notes.items()})
+        self._add_runs(**{f"note_{name}": values.sum(0) for name, values in estimates.notes.items()})
         count = scored.sum(1)
         self._add_runs(
             rmse=_ratio(_total(error**2, scored, 1), count),
@@ -73,6 +76,15 @@ class Tally:
                 position_median=_median(np.sqrt(distance2)),
                 position_scored=known.mean(0),
             )
+            if self.found_within is not None:
+                self._add_runs(found_time=self._found_time(np.sqrt(distance2)))
+
+    def _found_time(self, distance: Array) -> Array:
+        """(runs,) the time from which the position error stays within bounds; NaN for a run that ends outside."""
+        outside = ~(distance <= self.found_within)
+        last = np.where(outside.any(0), outside.shape[0] - 1 - outside[::-1].argmax(0), -1)
+        after = np.minimum(last + 1, self.time.size - 1)
+        return np.where(last == self.time.size - 1, np.nan, self.time[after])
 
     @property
     def diverged(self) -> Array:
@@ -132,6 +144,17 @@ class Tally:
             "runs_scored": self.sums["nis_runs"][measured],
         }
 
+    def notes(self) -> Columns:
+        """What a filter noted of each step, averaged over runs; only what it noted at least once."""
+        runs = self.diverged.size
+        found = {name[5:]: values / runs for name, values in self.sums.items() if name[:5] == "note_" and values.any()}
+        count = self.time.size
+        return {
+            "time": np.tile(self.time, len(found)),
+            "note": np.repeat(list(found), count) if found else np.empty(0),
+            "mean": np.concatenate(list(found.values())) if found else np.empty(0),
+        }
+
     def metrics(self) -> list[dict[str, object]]:
         """Tidy rows of metric, component, unit, value, ci_low, ci_high, n: means over runs with a 95 % interval."""
         rows: list[dict[str, object]] = []
@@ -164,6 +187,16 @@ class Tally:
         row("anees", "all", "", _not_negative(mean_interval(self._runs("anees"))))
         if self.sums["nis_size"].any():
             row("anis", "all", "", _not_negative(mean_interval(self._runs("anis"))))
+        for name in ("gated", "vanished"):
+            if f"note_{name}" in self.sums and self.sums[f"note_{name}"].any():
+                total = int(self.sums[f"note_{name}"].sum())
+                row(name, "all", "readings", Estimate(total, np.nan, np.nan, self.diverged.size))
+        if "note_ess" in self.sums:
+            row("ess", "all", "particles", mean_interval(self._runs("note_ess") / self.time.size))
+        if self.found_within is not None:
+            when = self._runs("found_time")
+            row("found", "position", "", _share(mean_interval(np.isfinite(when).astype(float))))
+            row("found_time", "position", "s", mean_interval(when))
         row("diverged", "all", "runs", Estimate(int(self.diverged.sum()), np.nan, np.nan, self.diverged.size))
         return rows
 

@@ -44,6 +44,7 @@ class Motion:
     move(state, control, noise, dt): components in, components out.
     noise_cov(control, dt): (q, q, runs or nothing). noise_size: q.
     jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None for differences.
+    hessians(state, control, dt): for each component of x, rows of its second derivative in x, or None for differences.
     """
 
     space: Space
@@ -51,6 +52,7 @@ class Motion:
     noise_cov: Callable[[Array, float], Array]
     noise_size: int
     jacobians: Callable[[Array, Array, float], tuple[Rows, Rows]] | None = None
+    hessians: Callable[[Array, Array, float], tuple[Rows, ...]] | None = None
 
     def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
         """The next state (n, *batch)."""
@@ -67,7 +69,14 @@ class Motion:
             def slope(state: Array) -> Array:
                 return matrix(jacobians(state, control, dt)[0], state.shape[1:])
 
-        return Function(lambda points: self.step(points, control, silent, dt), self.space, slope)
+        curvature = None
+        if self.hessians is not None:
+            hessians = self.hessians
+
+            def curvature(state: Array) -> Array:
+                return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, control, dt)])
+
+        return Function(lambda points: self.step(points, control, silent, dt), self.space, slope, curvature)
 
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""

@@ -15,51 +15,63 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _TRUTH, _ESTIMATE, _BAND, _ENSEMBLE = "black", "C0", "C3", "C2"
+_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7")  # of several filters; red is the bands'
 _WIDTH = 9.0  # inches
 _DENSE = 1500  # steps from which a line would be a smear
 
 Save = Callable[[str, Callable[[Any], object]], object]
-Draw = Callable[["Axes", dict[str, Array]], None]
+Draw = Callable[["Axes", str], None]
+Pictures = Callable[[], "dict[str, Figure]"]
 
 
-def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, draw: Draw) -> None:
+def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, draw: Draw, pictures: Pictures) -> None:
     """Draw every picture of a run directory and hand each to ``save`` by its name.
 
-    draw: adds the problem's own things to the trajectory, given the arrays of run 0.
+    draw: adds the problem's own things to the trajectory, for a filter's name. pictures: the problem's own figures.
     """
     import pandas as pd
 
     errors = pd.read_csv(directory / rundir.ERRORS)
-    _save(save, "errors.png", draw_errors(errors, space, title, runs))
-    for name, column, what in (
-        (rundir.NEES, "anees", "NEES / n"),
-        (rundir.NIS, "anis", "NIS / m"),
-    ):
-        table = pd.read_csv(directory / name)
-        if table[column].notna().any():
-            _save(save, f"{column[1:]}.png", draw_consistency(table, column, what, title, runs))
-    if space.position:
-        with np.load(directory / rundir.ESTIMATES) as arrays:
-            _save(save, "trajectory.png", draw_trajectory(dict(arrays), space, title, draw))
+    if errors["time"].nunique() > 1:
+        _save(save, "errors.png", draw_errors(errors, space, title, runs))
+        for name, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
+            table = pd.read_csv(directory / name)
+            if table[column].notna().any():
+                _save(save, f"{column[1:]}.png", draw_consistency(table, column, what, title, runs))
+        notes = pd.read_csv(directory / rundir.NOTES)
+        if (notes["note"] == "ess").any():
+            _save(save, "ess.png", draw_ess(notes[notes["note"] == "ess"], title, runs))
+        if space.position:
+            with np.load(directory / rundir.ESTIMATES) as arrays:
+                filters = list(dict.fromkeys(errors["filter"]))
+                _save(save, "trajectory.png", draw_trajectory(dict(arrays), filters, space, title, draw))
+    for name, figure in pictures().items():
+        _save(save, name, figure)
 
 
 def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Figure":
-    """One panel a component: the error of run 0 inside its +-3 sigma, and the ensemble's RMSE."""
+    """One panel a component: the error of run 0 inside its +-3 sigma; for one filter also the ensemble's RMSE."""
     figure, panels = _figure(space.size, title, 1.7)
     dense = errors["time"].nunique() > _DENSE
+    by_filter = list(errors.groupby("filter", sort=False))
+    alone = len(by_filter) == 1
     for axes, name, unit in zip(panels, space.names, space.units, strict=True):
-        rows = errors[errors["component"] == name]
-        alpha = 0.35 if dense else 0.15
-        axes.fill_between(
-            rows["time"], rows["lower3"], rows["upper3"], color=_BAND, alpha=alpha, lw=0, label="±3 sigma, run 0"
-        )
-        if not dense:
-            axes.plot(rows["time"], rows[["lower3", "upper3"]], color=_BAND, lw=0.8)
-        axes.plot(rows["time"], rows["error"], color=_ESTIMATE, lw=0.7 if dense else 1.0, label="error, run 0")
-        if runs > 1:
-            axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {runs} runs")
-        _limit(axes, rows)
+        for (filter, rows_of_filter), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
+            rows = rows_of_filter[rows_of_filter["component"] == name]
+            band = _BAND if alone else colour
+            of = "run 0" if alone else f"{filter}, run 0"
+            alpha = (0.35 if dense else 0.15) if alone else 0.08
+            label = f"±3 sigma, {of}" if alone else None
+            axes.fill_between(rows["time"], rows["lower3"], rows["upper3"], color=band, alpha=alpha, lw=0, label=label)
+            if not dense:
+                axes.plot(rows["time"], rows[["lower3", "upper3"]], color=band, lw=0.8, ls="-" if alone else ":")
+            axes.plot(rows["time"], rows["error"], color=colour, lw=0.7 if dense else 1.0, label=f"error, {of}")
+            if alone and runs > 1:
+                axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {runs} runs")
+        _limit(axes, errors[errors["component"] == name])
         axes.set_ylabel(f"{name} [{unit}]")
+    if not alone:
+        panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
     panels[-1].set_xlabel("time [s]")
     _legend_below(figure, panels[0])
     return figure
@@ -68,50 +80,73 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
 def draw_consistency(table: "DataFrame", column: str, what: str, title: str, runs: int) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = _figure(1, title, 3.6)
-    time, values = table["time"], table[column]
+    by_filter = list(table.groupby("filter", sort=False))
+    dense = runs == 1 and len(table) > 600 * len(by_filter)
     mean = "" if runs == 1 else f", mean of {int(table['runs_scored'].max())} runs"
-    dense = runs == 1 and time.size > 600
-    axes.plot(time, values, "." if dense else "-", ms=2, color=_ESTIMATE, lw=1.0, label=what + mean)
+    for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
+        label = what + mean if len(by_filter) == 1 else f"{filter}{mean}"
+        axes.plot(rows["time"], rows[column], "." if dense else "-", ms=2, color=colour, lw=1.0, label=label)
+    first = by_filter[0][1]
     axes.fill_between(
-        time, table["lower"], table["upper"], color=_ENSEMBLE, alpha=0.25, lw=0, label="95 % of a consistent filter"
+        first["time"],
+        first["lower"],
+        first["upper"],
+        color=_ENSEMBLE,
+        alpha=0.25,
+        lw=0,
+        label="95 % of a consistent filter",
     )
     axes.axhline(1.0, color="0.4", lw=0.8)
-    positive = values[values > 0.0]
+    positive = table[column][table[column] > 0.0]
     low = min(0.5 * float(table["lower"].min()), 0.8 * float(np.nanquantile(positive, 0.005 if dense else 0.0)))
     high = max(2.0 * float(table["upper"].max()), 1.25 * float(np.nanquantile(positive, 0.995 if dense else 1.0)))
-    _logarithmic(axes, max(low, 1e-4), high)
+    _logarithmic(axes, max(low, 1e-4), min(high, 1e8))
     axes.set_ylabel(f"{what} (1 when consistent)")
     axes.set_xlabel("time [s]")
     _legend_below(figure, axes)
     return figure
 
 
-def draw_trajectory(arrays: dict[str, Array], space: Space, title: str, draw: Draw) -> "Figure":
-    """The path of run 0: truth, estimate, 3-sigma ellipses along it, and what the problem adds."""
+def draw_ess(notes: "DataFrame", title: str, runs: int) -> "Figure":
+    """The effective sample size over time."""
+    figure, (axes,) = _figure(1, title, 3.0)
+    by_filter = list(notes.groupby("filter", sort=False))
+    for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
+        axes.plot(rows["time"], rows["mean"], color=colour, lw=1.0, label=f"{filter}, mean of {runs} runs")
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("effective sample size [particles]")
+    axes.set_xlabel("time [s]")
+    _legend_below(figure, axes)
+    return figure
+
+
+def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, title: str, draw: Draw) -> "Figure":
+    """The path of run 0: truth, estimates, 3-sigma ellipses along them, and what the problem adds."""
     from matplotlib.figure import Figure
 
-    i, j = space.position
-    first = {name: arrays[name][..., 0] for name in ("truth", "mean", "cov", "values", "target")}
-    first |= {name: arrays[name] for name in ("time", "step", "places")}
-    truth, mean, cov = first["truth"], first["mean"], first["cov"]
+    at = list(space.position)
+    truth = arrays["truth"][at, :, 0]
     figure = Figure(layout="constrained")
     axes = figure.add_subplot()
-    draw(axes, first)
-    axes.plot(truth[i], truth[j], color=_TRUTH, lw=1.6, label="truth")
-    axes.plot(mean[i], mean[j], color=_ESTIMATE, lw=1.1, label="estimate")
-    steps = np.unique(np.linspace(0, first["time"].size - 1, 15).astype(int))
-    outline = ellipses(mean[[i, j]][:, steps], cov[[i, j]][:, [i, j]][..., steps])
-    axes.plot(outline[0], outline[1], color=_BAND, lw=0.8)
-    axes.plot([], [], color=_BAND, lw=0.8, label="3 sigma of the position")
-    known = np.flatnonzero(np.isfinite(truth[[i, j]]).all(axis=0))
+    draw(axes, filters[0])
+    axes.plot(*truth, color=_TRUTH, lw=1.6, label="truth")
+    steps = np.unique(np.linspace(0, arrays["time"].size - 1, 15).astype(int))
+    for name, colour in zip(filters, _colours(len(filters)), strict=True):
+        prefix = f"{name}." if len(filters) > 1 else ""
+        mean, cov = arrays[f"{prefix}mean"][at, :, 0], arrays[f"{prefix}cov"][at][:, at, :, 0]
+        axes.plot(*mean, color=colour, lw=1.1, label=name if prefix else "estimate")
+        outline = ellipses(mean[:, steps], cov[..., steps])
+        axes.plot(*outline, color=colour if prefix else _BAND, lw=0.8, ls=":" if prefix else "-")
+    axes.plot([], [], color="0.4" if len(filters) > 1 else _BAND, lw=0.8, label="3 sigma of the position")
+    known = np.flatnonzero(np.isfinite(truth).all(axis=0))
     if known.size:
-        axes.plot(*truth[[i, j], known[0]], "o", color=_TRUTH, mfc="white", ms=7, label="start of the truth")
+        axes.plot(*truth[:, known[0]], "o", color=_TRUTH, mfc="white", ms=7, label="start of the truth")
     wide, high = axes.dataLim.size
     figure.set_size_inches(_WIDTH, 1.6 + _WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
-    axes.set_xlabel(f"{space.names[i]} [{space.units[i]}]")
-    axes.set_ylabel(f"{space.names[j]} [{space.units[j]}]")
+    axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
+    axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
     figure.suptitle(f"{title} · run 0")
     _legend_below(figure, axes, columns=3)
@@ -136,6 +171,10 @@ def _figure(rows: int, title: str, height: float) -> tuple["Figure", list["Axes"
         axes.grid(alpha=0.3)
     figure.suptitle(title)
     return figure, list(panels)
+
+
+def _colours(count: int) -> list[str]:
+    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
 
 
 def _legend_below(figure: "Figure", axes: "Axes", columns: int = 4) -> None:

@@ -2,15 +2,35 @@
 
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Table = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
-def write_csv(stream: BinaryIO, columns: Mapping[str, Any] | Sequence[Mapping[str, Any]], filter_name: str) -> None:
-    """Write columns or rows as CSV, the filter's name first; numbers in full, so that they read back the same."""
+def write_csv(by_filter: Mapping[str, Table], stream: BinaryIO) -> None:
+    """Write columns or rows of several filters one after another, the filter's name first in each line."""
     import pandas as pd
 
-    frame = pd.DataFrame(columns)
-    frame.insert(0, "filter", filter_name)
+    frames = []
+    for name, table in by_filter.items():
+        frame = pd.DataFrame(table)
+        frame.insert(0, "filter", name)
+        frames.append(frame)
+    _write(stream, pd.concat(frames) if len(frames) > 1 else frames[0])
+
+
+def write_columns(columns: Mapping[str, Any], stream: BinaryIO) -> None:
+    """Write one table by column."""
+    import pandas as pd
+
+    _write(stream, pd.DataFrame(columns))
+
+
+def _write(stream: BinaryIO, frame: "DataFrame") -> None:
+    """Numbers in full, so that they read back the same."""
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
     frame.to_csv(text, index=False)
     text.flush()

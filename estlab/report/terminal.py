@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+Row = Mapping[str, Any]
+
 _EVERY = 0.1  # seconds between updates of the bar
 
 
@@ -42,31 +44,84 @@ def progress(total: int, what: str) -> Iterator[Callable[[], None]]:
         yield tick
 
 
-def summary(title: str, rows: Sequence[Mapping[str, Any]], remarks: Sequence[str], where: str) -> None:
-    """Print the result of one run: errors by component, consistency, divergence, where it is."""
+def summary(
+    title: str,
+    rows: Mapping[str, Sequence[Row]],
+    own: Mapping[str, Sequence[Any]],
+    remarks: Sequence[str],
+    where: str,
+) -> None:
+    """Print the result: errors by component for one filter or a line a filter for several, the problem's own table, the path."""
     out = console()
-    by = {(row["metric"], row["component"]): row for row in rows}
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    table.add_column("")
-    for heading in ("RMSE", "95 % interval", "median |error|", "mean sigma", "inside 3 sigma", "time scored"):
-        table.add_column(heading, justify="right")
-    for row in rows:
-        if row["metric"] == "rmse":
-            name = row["component"]
-            cells = (_number(by.get((metric, name))) for metric in ("median_abs_error", "mean_sigma"))
-            shares = (_share(by.get((metric, name))) for metric in ("inside_3sigma", "scored"))
-            table.add_row(Text(f"{name} [{row['unit']}]"), _number(row), _interval(row), *cells, *shares)
-    out.print(table)
-    for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
-        if (metric, "all") in by:
-            found = by[metric, "all"]
-            interval = f", 95 % interval {_interval(found)}" if _interval(found) else ""
-            out.print(f"{words} = {_number(found)}{interval} (1 when consistent)")
-    diverged = by["diverged", "all"]
-    out.print(f"{diverged['value']:.0f} of {diverged['n']} runs diverged")
+    by = {name: {(row["metric"], row["component"]): row for row in found} for name, found in rows.items()}
+    out.print(_components(title, by) if len(by) == 1 else _filters(title, by))
+    if len(by) == 1:
+        _print_consistency(out, next(iter(by.values())))
+    if own:
+        table = _table("", list(own))
+        for cells in zip(*own.values(), strict=True):
+            table.add_row(*(cell if isinstance(cell, str) else f"{cell:.10g}" for cell in cells))
+        out.print(table)
     for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
     out.print(Text(where), soft_wrap=True)
+
+
+def _components(title: str, by: Mapping[str, Mapping[tuple[str, str], Row]]) -> Table:
+    """A line a component, for one filter."""
+    (found,) = by.values()
+    columns = ("", "RMSE", "95 % interval", "median |error|", "mean sigma", "inside 3 sigma", "time scored")
+    table = _table(title, columns)
+    for row in found.values():
+        if row["metric"] == "rmse":
+            name = row["component"]
+            cells = (_number(found.get((metric, name))) for metric in ("median_abs_error", "mean_sigma"))
+            shares = (_share(found.get((metric, name))) for metric in ("inside_3sigma", "scored"))
+            table.add_row(Text(f"{name} [{row['unit']}]"), _number(row), _interval(row), *cells, *shares)
+    return table
+
+
+def _filters(title: str, by: Mapping[str, Mapping[tuple[str, str], Row]]) -> Table:
+    """A line a filter: RMSE of each component, consistency, what went wrong."""
+    first = next(iter(by.values()))
+    errors = [row for row in first.values() if row["metric"] == "rmse"]
+    extra = [m for m in ("found", "ess") if any((m, c) in found for found in by.values() for c in ("all", "position"))]
+    names = [f"RMSE {row['component']} [{row['unit']}]" for row in errors]
+    table = _table(title, ("", *names, "NEES / n", "NIS / m", *extra, "diverged"))
+    for name, found in by.items():
+        cells = [_number(found.get(("rmse", row["component"]))) for row in errors]
+        cells += [_number(found.get((metric, "all"))) for metric in ("anees", "anis")]
+        cells += [_number(found.get((m, "position")) or found.get((m, "all"))) for m in extra]
+        lost = found["diverged", "all"]
+        table.add_row(Text(name), *cells, f"{lost['value']:.0f} of {lost['n']}")
+    return table
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for i, heading in enumerate(headings):
+        table.add_column(Text(heading), justify="left" if i == 0 else "right")
+    return table
+
+
+def _print_consistency(out: Console, found: Mapping[tuple[str, str], Row]) -> None:
+    for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
+        if (metric, "all") in found:
+            row = found[metric, "all"]
+            interval = f", 95 % interval {_interval(row)}" if _interval(row) else ""
+            out.print(f"{words} = {_number(row)}{interval} (1 when consistent)")
+    if ("found", "position") in found:
+        when = found["found_time", "position"]
+        since = f", from {_number(when)} s on in the mean" if when["n"] else ""
+        out.print(f"{_share(found['found', 'position'])} of the runs found the position{since}")
+    if ("ess", "all") in found:
+        out.print(f"effective sample size {_number(found['ess', 'all'])} in the mean")
+    if ("vanished", "all") in found:
+        out.print(f"all weights vanished at {found['vanished', 'all']['value']:.0f} readings")
+    if ("gated", "all") in found:
+        out.print(f"{found['gated', 'all']['value']:.0f} readings gated")
+    diverged = found["diverged", "all"]
+    out.print(f"{diverged['value']:.0f} of {diverged['n']} runs diverged")
 
 
 def _number(row: Mapping[str, Any] | None) -> str:

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from estlab.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class History:
     """One run as it is drawn: all that a problem's own pictures may use.
 
     time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
-    places: (p, L).
+    places: (p, L). shown: the record's further arrays.
     """
 
     time: Array
@@ -46,6 +47,7 @@ class History:
     values: Array
     target: Array
     places: Array
+    shown: dict[str, Array]
 
 
 class Scenario(ABC):
@@ -55,6 +57,11 @@ class Scenario(ABC):
     def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
         """How several readings at one time are applied, and the pause [s] between them; see estlab.filters.loop."""
         return "sequential", 0.0
+
+    @property
+    def found_within(self) -> float | None:
+        """The position error, in its unit, within which a lost robot counts as found; None where none is lost."""
+        return None
 
     @property
     @abstractmethod
@@ -86,6 +93,14 @@ class Scenario(ABC):
 
     def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
         """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
+
+    def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """A table of the problem's own, by column, for the terminal and <scenario>.csv; empty for none."""
+        return {}
+
+    def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
+        """Figures of the problem's own by file name, given run 0 of each filter."""
+        return {}
 
 
 def check_positive(**values: float) -> None:

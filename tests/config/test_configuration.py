@@ -119,7 +119,7 @@ def test_a_listed_plugin_is_allowed():
 
 
 def plugin_filter(noise: str) -> GaussianFilter:
-    return extended(noise)
+    return extended(noise, None)
 
 
 def test_whole_floats_pass_for_whole_numbers():

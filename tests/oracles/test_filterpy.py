@@ -5,10 +5,9 @@ import warnings
 import numpy as np
 
 from estlab.filters.gaussian import unscented
-from estlab.filters.loop import estimate
 from estlab.maths.streams import Streams
 from estlab.models import vehicle
-from tests.conftest import settings
+from tests.conftest import estimate, settings
 
 
 def test_one_car_run_agrees_with_filterpy():
@@ -20,7 +19,7 @@ def test_one_car_run_agrees_with_filterpy():
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(4, "car"), range(1), noise)
     motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
-    ours = estimate(unscented(1.0, 2.0, 0.0, "additive"), motion, sensor, record)
+    ours = estimate(unscented("merwe", 1.0, 2.0, 0.0, "additive", None), motion, sensor, record)
 
     def mean_of(space):
         def mean(points, weights):

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from estlab.datasets import mrclam
-from estlab.filters.loop import estimate
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
-from tests.conftest import settings
+from tests.conftest import estimate, settings
 
 WORKED = [
     ((2.0, 3.0, 0.0), 6, 8.573, -1.585),

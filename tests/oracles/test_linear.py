@@ -5,21 +5,21 @@ import pytest
 from scipy.stats import chi2
 
 from estlab.filters.gaussian import GaussianFilter, extended, unscented
-from estlab.filters.loop import estimate
-from estlab.maths.transforms import Cubature
+from estlab.maths.sigma_points import Cubature
 from estlab.metrics.intervals import chi_square_band, mean_interval
 from estlab.metrics.tally import Tally
 from tests import linear
+from tests.conftest import estimate
 
 FAMILY = {
     f"{name}-{noise}": make(noise)
     for noise in ("additive", "augmented")
     for name, make in {
-        "ekf": extended,
-        "ukf": lambda noise: unscented(1.0, 2.0, 0.0, noise),
-        "ukf_small": lambda noise: unscented(1e-3, 2.0, 0.0, noise),
-        "ukf_wide": lambda noise: unscented(0.5, 2.0, 3.0, noise),
-        "ckf": lambda noise: GaussianFilter(Cubature(), noise),
+        "ekf": lambda noise: extended(noise, None),
+        "ukf": lambda noise: unscented("merwe", 1.0, 2.0, 0.0, noise, None),
+        "ukf_small": lambda noise: unscented("merwe", 1e-3, 2.0, 0.0, noise, None),
+        "ukf_wide": lambda noise: unscented("merwe", 0.5, 2.0, 3.0, noise, None),
+        "ckf": lambda noise: GaussianFilter(Cubature(), noise, None),
     }.items()
 }
 

@@ -1,0 +1,84 @@
+"""The ensemble Kalman filter: a belief as a few dozen states, moved one by one and corrected together."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.filters.contract import Filter, Fit, Prior
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose
+from estlab.maths.space import Array, Space
+from estlab.maths.streams import Draws
+from estlab.models.contract import Motion, Sensor
+
+
+class Ensemble(NamedTuple):
+    """Members (n, members, runs), and the streams they are perturbed from."""
+
+    points: Array
+    draws: Draws
+
+
+@dataclass(frozen=True)
+class EnsembleFilter(Filter):
+    """The stochastic ensemble Kalman filter, with perturbed readings. Evensen 1994; Burgers, van Leeuwen and Evensen 1998.
+
+    members: >= 2, and more than the state has components if the covariance is to be definite.
+    inflation: >= 1, by which the members are spread about their mean after each prediction.
+    """
+
+    members: int
+    inflation: float
+
+    def __post_init__(self) -> None:
+        if self.members < 2:
+            raise ValueError(f"members must be >= 2, got {self.members}")
+        if not self.inflation >= 1.0:
+            raise ValueError(f"inflation must be >= 1, got {self.inflation:g}")
+
+    def check(self, motion: Motion, sensor: Sensor) -> None:
+        if self.members <= motion.space.size:
+            raise ValueError(f"members must be > {motion.space.size}, the size of the state, got {self.members}")
+
+    def start(self, prior: Prior, draws: Draws) -> Ensemble:
+        return Ensemble(prior.sample(draws, self.members), draws)
+
+    def predict(self, motion: Motion, belief: Ensemble, control: Array, dt: float) -> Ensemble:
+        z = belief.draws.normals((motion.noise_size, self.members))
+        noise = matmul(cholesky(motion.noise_cov(control, dt)), z)
+        points = motion.step(belief.points, control, noise, dt)
+        if self.inflation > 1.0:
+            mean = _mean(motion.space, points)[:, None]
+            points = motion.space.plus(mean, self.inflation * motion.space.minus(points, mean))
+        return Ensemble(points, belief.draws)
+
+    def update(self, sensor: Sensor, belief: Ensemble, reading: Array, place: Array) -> tuple[Ensemble, Fit]:
+        m = sensor.space.size
+        expected = sensor.read(belief.points, place)
+        mean = _mean(sensor.space, expected)
+        of_value = sensor.space.minus(expected, mean[:, None])
+        of_state = sensor.state.minus(belief.points, _mean(sensor.state, belief.points)[:, None])
+        blur = matmul(cholesky(sensor.noise_cov), belief.draws.normals((m, self.members)))
+        missing = np.isnan(reading)
+        of_value = np.where(missing[:, None], 0.0, of_value)
+        either = missing[:, None] | missing[None]
+        noise_cov = np.where(either, np.eye(m)[..., None], sensor.noise_cov[..., None])
+        factor = cholesky(gram(of_value) / (self.members - 1) + noise_cov)
+        gain = solve_lower(factor, gram(of_value, of_state) / (self.members - 1))
+        innovation = np.where(missing, 0.0, sensor.space.minus(reading, mean))
+        each = np.where(missing[:, None], 0.0, sensor.space.minus((reading[:, None] + blur), expected))
+        points = sensor.state.plus(belief.points, matmul(transpose(gain), solve_lower(factor, each)))
+        whitened = solve_lower(factor, innovation[:, None])[:, 0]
+        nis = np.einsum("i...,i...->...", whitened, whitened)
+        size = (~missing).sum(axis=0)
+        return Ensemble(points, belief.draws), Fit(nis, size, np.zeros_like(size))
+
+    def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
+        mean = _mean(motion.space, belief.points)
+        spread = motion.space.minus(belief.points, mean[:, None])
+        return Gaussian(mean, gram(spread) / (self.members - 1))
+
+
+def _mean(space: Space, members: Array) -> Array:
+    return space.cloud_mean(members, np.full(members.shape[1:], 1.0 / members.shape[1]))

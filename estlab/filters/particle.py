@@ -1,0 +1,178 @@
+"""Particle filters: a belief as a weighted cloud, of any shape."""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from estlab.filters.contract import Filter, Fit, Prior
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky, gram, matmul, solve_lower
+from estlab.maths.resampling import Scheme, effective_size, log_normalised, resample
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
+from estlab.models.contract import Motion, Sensor
+
+
+class Step(NamedTuple):
+    """The last prediction, kept for a filter that chooses ancestors once it has seen the reading."""
+
+    motion: Motion
+    before: Array
+    control: Array
+    noise: Array
+    dt: float
+
+
+class Particles(NamedTuple):
+    """Points (n, N, runs) and normalised log-weights (N, runs); where they began, and their streams.
+
+    vanished: (runs,) how often all weights were lost since the last prediction. last: the prediction that made the points, if no reading came since.
+    """
+
+    points: Array
+    log_weights: Array
+    prior: Prior
+    draws: Draws
+    vanished: Array
+    last: Step | None
+
+    @property
+    def weights(self) -> Array:
+        return np.exp(self.log_weights)
+
+
+@dataclass(frozen=True)
+class ParticleFilter(Filter):
+    """Predict by drawing, update by weighing, resample when few weights are left. Gordon, Salmond and Smith 1993.
+
+    particles: how many. resampling: by which scheme. threshold: resample when the effective sample size is below this share of them,
+    at the next prediction, so that estimates are of the weighted cloud.
+    roughening: >= 0, noise after resampling as a share of the cloud's range times N^(-1/n); Gordon et al., section 4.
+    injection: share of the particles drawn anew from the prior at each resampling.
+    bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud; Musso, Oudjane and Le
+    Gland 2001, section 12.2.3. ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless
+    prediction fits the reading; Pitt and Shephard 1999.
+    recovery: what to do when every weight has vanished: ``flatten`` forgets the reading, ``redraw`` begins again from the prior.
+    """
+
+    particles: int
+    resampling: Scheme
+    threshold: float
+    roughening: float
+    injection: float
+    bandwidth: float
+    ancestors: Literal["bootstrap", "auxiliary"]
+    recovery: Literal["flatten", "redraw"]
+
+    def __post_init__(self) -> None:
+        if self.particles < 2:
+            raise ValueError(f"particles must be >= 2, got {self.particles}")
+        for name in ("threshold", "injection"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must be a share from 0 to 1, got {getattr(self, name):g}")
+        for name in ("roughening", "bandwidth"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name} must be >= 0, got {getattr(self, name):g}")
+
+    def start(self, prior: Prior, draws: Draws) -> Particles:
+        points = prior.sample(draws, self.particles)
+        runs = points.shape[-1]
+        even = np.full((self.particles, runs), -np.log(self.particles))
+        return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None)
+
+    def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
+        belief = self._resampled(motion, belief)
+        z = belief.draws.normals((motion.noise_size, self.particles))
+        noise = matmul(cholesky(motion.noise_cov(control, dt)), z)
+        points = motion.step(belief.points, control, noise, dt)
+        last = Step(motion, belief.points, control, noise, dt)
+        return belief._replace(points=points, vanished=np.zeros_like(belief.vanished), last=last)
+
+    def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
+        fit = _fit(sensor, belief, reading, place)
+        if self.ancestors == "auxiliary" and belief.last is not None:
+            belief = self._with_chosen_ancestors(sensor, belief, belief.last, reading, place)
+        else:
+            weighed = belief.log_weights + _log_likelihood(sensor, belief.points, reading, place)
+            belief = belief._replace(log_weights=weighed)
+        log_weights, vanished = log_normalised(belief.log_weights)
+        points = belief.points
+        if self.recovery == "redraw" and vanished.any():
+            points = np.where(vanished, belief.prior.sample(belief.draws, self.particles), points)
+        counted = belief.vanished + vanished
+        return belief._replace(points=points, log_weights=log_weights, vanished=counted, last=None), fit
+
+    def moments(self, belief: Particles, motion: Motion) -> Gaussian:
+        weights = belief.weights
+        mean = motion.space.cloud_mean(belief.points, weights)
+        spread = motion.space.minus(belief.points, mean[:, None])
+        return Gaussian(mean, gram(weights * spread, spread))
+
+    def notes(self, belief: Particles) -> dict[str, Array]:
+        return {"ess": effective_size(belief.log_weights), "vanished": belief.vanished}
+
+    def _resampled(self, motion: Motion, belief: Particles) -> Particles:
+        """The belief with equal weights in the runs whose effective sample size is too small."""
+        few = np.flatnonzero(effective_size(belief.log_weights) < self.threshold * self.particles)
+        if few.size == 0:
+            return belief
+        draws = belief.draws.of(few)
+        cloud, weights = belief.points[:, :, few], belief.weights[:, few]
+        chosen = np.take_along_axis(cloud, resample(self.resampling, weights, draws)[None], axis=1)
+        n = cloud.shape[0]
+        if self.roughening > 0.0:
+            wide = np.ptp(cloud, axis=1)[:, None]
+            chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * draws.normals(chosen.shape[:2])
+        if self.bandwidth > 0.0:
+            moments = self.moments(belief._replace(points=cloud, log_weights=belief.log_weights[:, few]), motion)
+            best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
+            # A cloud in one point has no width to smooth by.
+            root = np.nan_to_num(cholesky(moments.cov), nan=0.0)
+            chosen = chosen + self.bandwidth * best * matmul(root, draws.normals(chosen.shape[:2]))
+        if self.injection > 0.0:
+            fresh = belief.prior.sample(belief.draws, self.particles)[:, :, few]
+            replaced = draws.uniforms((self.particles,)) < self.injection
+            chosen = np.where(replaced, fresh, chosen)
+        points, log_weights = belief.points.copy(), belief.log_weights.copy()
+        points[:, :, few], log_weights[:, few] = chosen, -np.log(self.particles)
+        return belief._replace(points=points, log_weights=log_weights)
+
+    def _with_chosen_ancestors(
+        self, sensor: Sensor, belief: Particles, last: Step, reading: Array, place: Array
+    ) -> Particles:
+        """Ancestors drawn by how well their noiseless prediction fits, then moved with the noise and weighed for the choice."""
+        silent = np.zeros_like(last.noise)
+        guess = last.motion.step(last.before, last.control, silent, last.dt)
+        fits = _log_likelihood(sensor, guess, reading, place)
+        first_stage, _ = log_normalised(belief.log_weights + fits)
+        chosen = resample(self.resampling, np.exp(first_stage), belief.draws)
+        before = np.take_along_axis(last.before, chosen[None], axis=1)
+        points = last.motion.step(before, last.control, last.noise, last.dt)
+        second = _log_likelihood(sensor, points, reading, place) - np.take_along_axis(fits, chosen, axis=0)
+        return belief._replace(points=points, log_weights=second)
+
+
+def _log_likelihood(sensor: Sensor, points: Array, reading: Array, place: Array) -> Array:
+    """log p(reading | point) up to a constant, (N, runs); a missing number says nothing."""
+    residual = sensor.space.minus(reading[:, None], sensor.read(points, place))
+    residual = np.where(np.isnan(reading)[:, None], 0.0, residual)
+    m = residual.shape[0]
+    whitened = solve_lower(cholesky(sensor.noise_cov).reshape(m, m, 1), residual.reshape(m, -1, residual.shape[-1]))
+    return -0.5 * np.einsum("i...,i...->...", whitened, whitened)
+
+
+def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit:
+    """NIS by the moments of the predicted reading under the weighted cloud."""
+    weights = belief.weights
+    expected = sensor.read(belief.points, place)
+    mean = sensor.space.cloud_mean(expected, weights)
+    spread = sensor.space.minus(expected, mean[:, None])
+    missing = np.isnan(reading)
+    m = reading.shape[0]
+    cov = gram(weights * spread, spread) + sensor.noise_cov[..., None]
+    cov = np.where(missing[:, None] | missing[None], np.eye(m)[..., None], cov)
+    residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
+    whitened = solve_lower(cholesky(cov), residual[:, None])[:, 0]
+    size = (~missing).sum(axis=0)
+    return Fit(np.einsum("i...,i...->...", whitened, whitened), size, np.zeros_like(size))

@@ -1,0 +1,40 @@
+"""The Rauch-Tung-Striebel smoother for the Gaussian family: what later readings say of earlier states."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky, sandwich, solve_lower, solve_lower_transposed, symmetric, transpose
+from estlab.maths.space import Array, Space
+from estlab.maths.transforms import Moments
+
+
+class Link(NamedTuple):
+    """A prediction: the belief before it, and the moments of the one after it with their cross-covariance."""
+
+    before: Gaussian
+    after: Moments
+
+
+def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Smoothed mean (n, T, runs) and cov (n, n, T, runs) from the filtered ones.
+
+    links[k]: the prediction that led to step k, None where no time passed. Saerkkae 2013, section 9.1: the gain is C P^-1 with C
+    the cross-covariance of the state before and after, by whatever transform made it.
+    """
+    smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
+    later = Gaussian(mean[:, -1], cov[:, :, -1])
+    for k in range(mean.shape[1] - 1, 0, -1):
+        link = links[k]
+        if link is not None:
+            # C P^-1 = (L^-T L^-1 C')' with P = L L'
+            factor = cholesky(link.after.cov)
+            half = solve_lower(factor, transpose(link.after.cross))
+            gain = transpose(solve_lower_transposed(factor, half))
+            step = space.minus(later.mean, link.after.mean)
+            before = space.plus(link.before.mean, np.einsum("ij...,j...->i...", gain, step))
+            shrunk = link.before.cov + sandwich(gain, later.cov - link.after.cov)
+            later = Gaussian(before, symmetric(shrunk))
+        smoothed_mean[:, k - 1], smoothed_cov[:, :, k - 1] = later
+    return smoothed_mean, smoothed_cov

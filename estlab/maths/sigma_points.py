@@ -1,0 +1,177 @@
+"""Transforms by points: a few places weighted so that low moments of a Gaussian come out right."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky, gram, symmetric
+from estlab.maths.space import Array
+from estlab.maths.transforms import Function, Moments
+
+
+class SigmaPoints(ABC):
+    """Weighted points about the mean; a subclass says where they lie and what they weigh.
+
+    Everything is taken about the image of the mean, d_i = f(x_i) - f(mean). With weights w_i of the points and
+    m = sum w_i d_i, the covariance  sum w_i (d_i - m)(d_i - m)'  is  sum w_i d_i d_i' - m m', whatever the centre's weight
+    w_0 = 1 - sum w_i, since d_0 = 0. That weight, near -1e6 for the scaled points at alpha = 1e-3, never appears, and nothing
+    cancels. Sets whose centre counts otherwise in the covariance say by how much in ``bonus``.
+    """
+
+    @abstractmethod
+    def weights(self, n: int) -> Array:
+        """What each point weighs, (p,), without the centre. Raises ValueError if n dimensions cannot be."""
+
+    @abstractmethod
+    def offsets(self, factor: Array) -> Array:
+        """Where the points lie (n, p, *batch) from the mean, for the covariance's factor (n, n, *batch)."""
+
+    def bonus(self) -> float:
+        """The centre's weight in the covariance less that in the mean."""
+        return 0.0
+
+    def check(self, n: int) -> None:
+        """Raise ValueError, naming the parameter, if there is no such set in n dimensions."""
+        self.weights(n)
+
+    def __call__(self, function: Function, belief: Gaussian) -> Moments:
+        mean, of_state, of_value = self.spread(function, belief.mean, cholesky(belief.cov))
+        n = belief.mean.shape[0]
+        weights = self.weights(n).reshape(-1, *(1,) * (belief.mean.ndim - 1))
+        weighted = weights * of_value
+        shift = weighted.sum(axis=1)
+        cov = gram(weighted, of_value) + (self.bonus() - 1.0) * gram(shift[:, None])
+        return Moments(function.space.plus(mean, shift), symmetric(cov), gram(of_state, weighted))
+
+    def spread(self, function: Function, mean: Array, factor: Array) -> tuple[Array, Array, Array]:
+        """The image of the mean (m, *batch), and the points' offsets before (n, p, *batch) and after (m, p, *batch)."""
+        offsets = self.offsets(factor)
+        middle = mean[:, None]
+        images = function.evaluate(np.concatenate([middle, middle + offsets], axis=1))
+        return images[:, 0], offsets, function.space.minus(images[:, 1:], images[:, :1])
+
+
+class SymmetricSigmaPoints(SigmaPoints):
+    """Two points on each axis of the covariance, all of one weight."""
+
+    @abstractmethod
+    def spread2(self, n: int) -> float:
+        """The squared distance of the points, in standard deviations; n + lambda in the usual notation."""
+
+    def weights(self, n: int) -> Array:
+        return np.full(2 * n, 0.5 / self.spread2(n))
+
+    def offsets(self, factor: Array) -> Array:
+        outward = np.sqrt(self.spread2(factor.shape[0])) * factor
+        return np.concatenate([outward, -outward], axis=1)
+
+
+@dataclass(frozen=True)
+class Scaled(SymmetricSigmaPoints):
+    """The scaled unscented transform. Van der Merwe 2004, section 3.2.2; Julier 2002.
+
+    n + lambda = alpha^2 (n + kappa). alpha = 1 by default: at 1e-3, the value of many texts, the points lie so
+    close together that correct implementations differ in the second digit on strongly nonlinear problems.
+
+    alpha: > 0, how wide the points lie. beta: >= 0, 2 for Gaussians. kappa: > -n, 0 or 3 - n usually.
+    Raises ValueError outside these ranges; n is known only once the transform meets a belief.
+    """
+
+    alpha: float
+    beta: float
+    kappa: float
+
+    def __post_init__(self) -> None:
+        if not self.alpha > 0.0:
+            raise ValueError(f"alpha must be > 0, got {self.alpha:g}")
+        if not self.beta >= 0.0:
+            raise ValueError(f"beta must be >= 0, got {self.beta:g}")
+
+    def spread2(self, n: int) -> float:
+        return self.alpha**2 * _beyond(self.kappa, n)
+
+    def bonus(self) -> float:
+        return 1.0 - self.alpha**2 + self.beta
+
+
+@dataclass(frozen=True)
+class Julier(SymmetricSigmaPoints):
+    """The first unscented transform, n + kappa wide. Julier and Uhlmann 1997."""
+
+    kappa: float
+
+    def spread2(self, n: int) -> float:
+        return _beyond(self.kappa, n)
+
+
+class Cubature(SymmetricSigmaPoints):
+    """The third-degree spherical-radial cubature rule. Arasaratnam and Haykin 2009, section IV."""
+
+    def spread2(self, n: int) -> float:
+        return float(n)
+
+
+class Simplex(SigmaPoints):
+    """n + 1 points of equal weight at the corners of a regular simplex: the fewest. Moireau and Chapelle 2011, section 3.2."""
+
+    def weights(self, n: int) -> Array:
+        return np.full(n + 1, 1.0 / (n + 1))
+
+    def offsets(self, factor: Array) -> Array:
+        return np.einsum("ik...,kp->ip...", factor, _simplex(factor.shape[0]))
+
+
+@dataclass(frozen=True)
+class GaussHermite(SigmaPoints):
+    """Product Gauss-Hermite rule, exact for polynomials up to degree 2 order - 1 along each axis. Ito and Xiong 2000.
+
+    order: >= 2; order ** n points, at most 20,000. Raises ValueError outside these ranges.
+    """
+
+    order: int
+
+    def __post_init__(self) -> None:
+        if self.order < 2:
+            raise ValueError(f"order must be >= 2, got {self.order}")
+
+    def weights(self, n: int) -> Array:
+        if self.order**n > 20_000:
+            raise ValueError(
+                f"order = {self.order} makes {self.order**n} points in {n} dimensions, more than 20000; "
+                "lower it, or set noise=additive"
+            )
+        return _product_rule(self.order, n)[1]
+
+    def offsets(self, factor: Array) -> Array:
+        return np.einsum("ik...,kp->ip...", factor, _product_rule(self.order, factor.shape[0])[0])
+
+
+def _beyond(kappa: float, n: int) -> float:
+    if not n + kappa > 0.0:
+        raise ValueError(f"kappa must be > -n = {-n} for {n} dimensions, got {kappa:g}")
+    return n + kappa
+
+
+@lru_cache
+def _simplex(n: int) -> Array:
+    """Corners (n, n + 1) with mean zero and, of equal weights, covariance one."""
+    corners = np.zeros((n, n + 1))
+    for i in range(n):
+        # Axis i splits corner i + 1 from the ones before it, which stay together.
+        corners[i, : i + 1] = -1.0
+        corners[i, i + 1] = i + 1.0
+        corners[i] /= np.sqrt((i + 1.0) * (i + 2.0) / (n + 1.0))
+    return corners
+
+
+@lru_cache
+def _product_rule(order: int, n: int) -> tuple[Array, Array]:
+    """Points (n, order ** n) and weights for the standard normal in n dimensions."""
+    points, weights = np.polynomial.hermite_e.hermegauss(order)
+    weights = weights / weights.sum()
+    grid = np.stack(np.meshgrid(*[points] * n, indexing="ij")).reshape(n, -1)
+    product = np.prod(np.stack(np.meshgrid(*[weights] * n, indexing="ij")).reshape(n, -1), axis=0)
+    return grid, product

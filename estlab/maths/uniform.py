@@ -1,0 +1,27 @@
+"""A belief that knows nothing but the bounds."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
+
+
+class Uniform(NamedTuple):
+    """Uniform over the box from low (n,) to high (n,), the same for each of the runs."""
+
+    low: Array
+    high: Array
+    runs: int
+
+    def fitted(self) -> Gaussian:
+        """The Gaussian of the same mean (n, runs) and covariance (n, n)."""
+        mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)
+        return Gaussian(mean, np.diag((self.high - self.low) ** 2 / 12.0))
+
+    def sample(self, draws: Draws, count: int) -> Array:
+        """Points (n, count, runs)."""
+        width = (self.high - self.low)[:, None, None]
+        return self.low[:, None, None] + width * draws.uniforms((self.low.size, count))
