@@ -77,16 +77,18 @@ def build(config: Node) -> Settings:
 
 
 def nearest(path: str, known: Sequence[str]) -> str:
-    """'; did you mean ...?' for the known name most like a wrong one, or nothing."""
+    """'; did you mean ...?' for the known name most like a wrong one, or nothing.
+
+    The last part counts most: a right name in a wrong group, then a like name in the same group, then anywhere.
+    """
     known = [name for name in known if not path.startswith(f"{name}.")]
-    exact_leaf = [name for name in known if name.rpartition(".")[2] == path.rpartition(".")[2]]
-    close = exact_leaf[:1] or difflib.get_close_matches(path, known, n=1, cutoff=0.6)
-    if not close:
-        leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
-        close = [
-            leaves[leaf] for leaf in difflib.get_close_matches(path.rpartition(".")[2], list(leaves), n=1, cutoff=0.7)
-        ]
-    return f"; did you mean {close[0]}?" if close else ""
+    group, _, leaf = path.rpartition(".")
+    leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
+    beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == group}
+    for names in (leaves if leaf in leaves else {}, beside, leaves):
+        if close := difflib.get_close_matches(leaf, list(names), n=1, cutoff=0.6):
+            return f"; did you mean {names[close[0]]}?"
+    return ""
 
 
 def unknown_key(path: str, known: Sequence[str]) -> str:

@@ -28,15 +28,16 @@ SMOOTHED = "_smoothed"
 
 @dataclass(frozen=True)
 class Names:
-    """What the user chose, as he named it."""
+    """What the user chose, as he named it, and what he changed."""
 
     scenario: str
     filter: str
+    changes: tuple[str, ...] = ()
 
 
 @dataclass
 class Ensemble:
-    """All runs of all filters: what was there, a tally for each set of estimates, the histories kept, by filter's name."""
+    """All runs of all filters: what was there; a tally and the histories kept for each set of estimates, by name."""
 
     record: Record
     tallies: dict[str, Tally]
@@ -47,6 +48,9 @@ def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
     if settings.data.path is not None and settings.data.source == "simulated":
         raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
+    truth = settings.noise.truth
+    if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
+        raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
     for name, filter in _filters(settings, names).items():
         key = f"filters.{name}" if settings.filters else "filter"
         try:
@@ -62,11 +66,12 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     """
     filters = _filters(settings, names)
     log.info("%s with %s, %d runs, seed %d", names.scenario, ", ".join(filters), settings.runs, settings.seed)
-    directory.write_provenance(command, settings.seed, ())
-    ensemble = _ensemble(settings, names, filters)
+    directory.describe(command=command, seed=settings.seed, runs=settings.runs)
+    ensemble = _ensemble(settings, names, filters, directory)
     record, tallies = ensemble.record, ensemble.tallies
+    directory.describe(steps=record.time.size)
     size = f"{settings.runs} run{'s' * (settings.runs > 1)} × {record.time.size} step{'s' * (record.time.size > 1)}"
-    title = f"{names.scenario} · {', '.join(filters)} · {size} · seed {settings.seed}"
+    title = " · ".join([names.scenario, ", ".join(filters), size, f"seed {settings.seed}", *names.changes])
     _log_outcome(ensemble, settings.runs)
 
     rows = {name: tally.metrics() for name, tally in tallies.items()}
@@ -96,7 +101,6 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
             lambda axes, name: scenario.draw(axes, _history(histories, name, len(tallies))),
             lambda: scenario.pictures({name: _history(histories, name, len(tallies)) for name in tallies}),
         )
-    directory.write_provenance(command, settings.seed, record.files, steps=record.time.size, runs=settings.runs)
     terminal.summary(title, rows, own, record.remarks, str(_short(directory.path)))
 
 
@@ -124,11 +128,12 @@ def _loop(settings: Settings, filter: Filter, places: Array) -> Loop:
     return Loop(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
 
 
-def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter]) -> Ensemble:
+def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter], directory: RunDirectory) -> Ensemble:
     """All runs block by block, every filter on the same record."""
     scenario, streams = settings.scenario, Streams(settings.seed, names.scenario)
     blocks = list(_blocks(settings))
     first = _record(settings, names, blocks[0])
+    directory.describe(data=rundir.hashes(first.files))
     loops = {name: _loop(settings, filter, first.places) for name, filter in filters.items()}
     ensemble = Ensemble(first, {}, {})
     ticks = len(blocks) * first.time.size * len(filters)
@@ -144,7 +149,9 @@ def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter]) -> E
                     found[name] = loop.estimate(record, draws, tick)
                 for label, estimates in found.items():
                     if label not in ensemble.tallies:
-                        ensemble.tallies[label] = Tally(scenario.space, first.time, scenario.found_within)
+                        ensemble.tallies[label] = Tally(
+                            scenario.space, first.time, scenario.found_within, first.repeated
+                        )
                         ensemble.kept[label] = _kept(record, estimates, min(settings.keep_runs, settings.runs))
                     ensemble.tallies[label].add(record, estimates)
     return ensemble

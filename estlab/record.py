@@ -33,9 +33,11 @@ class Record:
 
     start: the time of the prior [s]. time: (T,) [s], ascending from start. truth: (n, T, runs), NaN where not known.
     control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at start,
-    a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read. remarks: what a reader of the results must know.
+    a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read.
+    remarks: what a reader of the results must know.
     places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
     shown: further arrays for a problem's own pictures, kept in the run directory.
+    repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
     """
 
     start: float
@@ -49,6 +51,7 @@ class Record:
     places: Array = field(default_factory=lambda: np.empty((0, 1)))
     raw: dict[str, Array] = field(default_factory=dict)
     shown: dict[str, Array] = field(default_factory=dict)
+    repeated: bool = False
 
     @property
     def runs(self) -> int:
@@ -88,9 +91,3 @@ class Estimates:
     nis: Array
     nis_size: Array
     notes: dict[str, Array]
-
-    @property
-    def diverged(self) -> Array:
-        """(runs,) true where the belief became non-finite or its covariance not positive definite."""
-        sound = np.isfinite(self.mean).all(axis=(0, 1)) & np.isfinite(self.cov).all(axis=(0, 1, 2))
-        return np.logical_not(sound)

@@ -1,5 +1,6 @@
 """The run directory's contract: its files, how they are written, its status and its provenance."""
 
+import contextlib
 import json
 import logging
 import os
@@ -41,6 +42,8 @@ class RunDirectory:
         """
         self.path = path
         self._began = time.time()
+        self._facts: dict[str, Any] = {}
+        self._git = _git_state(Path(__file__).parent)
         try:
             path.mkdir(parents=True, exist_ok=True)
             with open(path / STATUS, "xb") as stream:
@@ -58,6 +61,8 @@ class RunDirectory:
 
     def finish(self, state: State, message: str = "") -> None:
         """Set the final status, in place if there is no room for a new file."""
+        with contextlib.suppress(OSError):
+            self.describe()
         status = self._status(state, message)
         try:
             write_whole(self.path / STATUS, lambda stream: stream.write(status))
@@ -97,23 +102,21 @@ class RunDirectory:
         """:meth:`write` for text."""
         return self.write(name, lambda stream: stream.write(text.encode()))
 
-    def write_provenance(self, command: list[str], seed: int, files: Iterable[Path], **facts: Any) -> Path:
-        """run.json: all that is needed to know what ran, on what, and from which data."""
+    def describe(self, **facts: Any) -> None:
+        """Add to run.json, which says all that is needed to know what ran, on what, and from which data."""
+        self._facts |= facts
         record = {
             "estlab": __version__,
             "python": platform.python_version(),
             "packages": {name: _version(name) for name in _PACKAGES},
-            "git": _git_state(Path(__file__).parent),
+            "git": self._git,
             "machine": {"node": platform.node(), "system": platform.platform(), "cores": os.cpu_count()},
-            "command": command,
-            "seed": seed,
-            "data": [{"file": str(path.resolve()), "sha256": sha256(path.read_bytes()).hexdigest()} for path in files],
-            "began": datetime.fromtimestamp(self._began).astimezone().isoformat(),
+            **self._facts,
+            "began": _iso(self._began),
             "wall_time_s": round(time.time() - self._began, 3),
             "peak_memory_mb": round(_peak_memory() / 2**20, 1),
-            **facts,
         }
-        return self.write_text(RUN, json.dumps(record, indent=2) + "\n")
+        self.write_text(RUN, json.dumps(record, indent=2) + "\n")
 
     def link_latest(self, root: Path) -> None:
         """Make ``latest`` in the folder of all runs point here. A system without symbolic links goes without."""
@@ -131,6 +134,11 @@ class RunDirectory:
         if state != "running":
             stamp |= {"ended": _iso(time.time()), "error": message[:1000]}
         return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
+
+
+def hashes(files: Iterable[Path]) -> list[dict[str, str]]:
+    """Each file with its SHA-256."""
+    return [{"file": str(path.resolve()), "sha256": sha256(path.read_bytes()).hexdigest()} for path in files]
 
 
 def _iso(stamp: float) -> str:

@@ -7,9 +7,9 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from estlab.cli import conf_folder
 from estlab.config import Settings, build
 from estlab.filters.loop import Loop
+from estlab.launch import conf_folder
 from estlab.maths.streams import Streams
 from estlab.record import Estimates
 

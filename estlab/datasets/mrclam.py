@@ -61,6 +61,7 @@ def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
     check_times(paths["Measurement"], measurement[:, 0], repeats=True)
     check_times(paths["Groundtruth"], truth[:, 0])
 
+    _check_values(paths, odometry, measurement, barcodes)
     subject_of = {int(code): int(subject) for subject, code in barcodes}
     index_of = {int(subject): i for i, subject in enumerate(landmarks[:, 0])}
     unplaced = [s for s in subject_of.values() if s >= FIRST_LANDMARK and s not in index_of]
@@ -124,6 +125,22 @@ def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
         else "the folder has no *Odometry.dat"
     )
     raise UserError(f"{candidates[0]}: no such file; {known}")
+
+
+def _check_values(paths: dict[str, Path], odometry: Array, measurement: Array, barcodes: Array) -> None:
+    if odometry.shape[0] < 2:
+        raise UserError(f"{paths['Odometry']}: one row only; at least two are needed to know for how long to drive")
+    negative = np.flatnonzero(measurement[:, 2] < 0.0)
+    if negative.size:
+        path = paths["Measurement"]
+        raise UserError(
+            f"{path}:{line_of_row(path, int(negative[0]))}: range is negative; its columns are {' '.join(_MEASUREMENT)}"
+        )
+    codes, count = np.unique(barcodes[:, 1], return_counts=True)
+    if count.max() > 1:
+        raise UserError(
+            f"{paths['Barcodes']}: barcode {codes[count.argmax()]:.0f} belongs to two subjects; each needs its own"
+        )
 
 
 def _check_barcodes(path: Path, barcodes: Path, codes: Array, known: set[int], unknown_share: float) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """What every filter answers."""
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -25,14 +25,27 @@ class Fit(NamedTuple):
     size: Array
     gated: Array
 
-    def plus(self, other: "Fit") -> "Fit":
-        """Two readings taken together."""
-        return Fit(self.nis + other.nis, self.size + other.size, self.gated + other.gated)
+    def add(self, runs: Array, other: "Fit") -> "Fit":
+        """This fit and that of one more reading, which these of the runs had."""
+        total = Fit(*(np.array(whole) for whole in self))
+        for whole, part in zip(total, other, strict=True):
+            whole[runs] += part
+        return total
 
 
 def no_fit(runs: int) -> Fit:
     """The fit of no reading."""
     return Fit(np.zeros(runs), np.zeros(runs, dtype=int), np.zeros(runs, dtype=int))
+
+
+class Belief(Protocol):
+    """What a filter carries for a batch of runs."""
+
+    def of(self, runs: Array) -> Self:
+        """The belief in some of the runs, by their place in the batch."""
+
+    def put(self, runs: Array, part: Any) -> Self:
+        """The belief with those of some runs replaced."""
 
 
 class Filter(ABC):

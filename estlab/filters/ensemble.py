@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
@@ -19,10 +19,18 @@ class Ensemble(NamedTuple):
     points: Array
     draws: Draws
 
+    def of(self, runs: Array) -> "Ensemble":
+        """The belief in some of the runs."""
+        return Ensemble(self.points[..., runs], self.draws.of(runs))
+
+    def put(self, runs: Array, part: "Ensemble") -> "Ensemble":
+        """The belief with those of some runs replaced."""
+        return Ensemble(placed(self.points, runs, part.points), self.draws)
+
 
 @dataclass(frozen=True)
 class EnsembleFilter(Filter):
-    """The stochastic ensemble Kalman filter, with perturbed readings. Evensen 1994; Burgers, van Leeuwen and Evensen 1998.
+    """The stochastic ensemble Kalman filter, with perturbed readings. Burgers, van Leeuwen and Evensen 1998.
 
     members: >= 2, and more than the state has components if the covariance is to be definite.
     inflation: >= 1, by which the members are spread about their mean after each prediction.
@@ -81,4 +89,4 @@ class EnsembleFilter(Filter):
 
 
 def _mean(space: Space, members: Array) -> Array:
-    return space.cloud_mean(members, np.full(members.shape[1:], 1.0 / members.shape[1]))
+    return space.mean(members, np.full(members.shape[1:], 1.0 / members.shape[1]))

@@ -54,6 +54,10 @@ class GaussianFilter(Filter):
 
     def propagate(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
         """The prediction with its cross-covariance to the state before, which a smoother needs."""
+        moments = self._propagated(motion, belief, control, dt)
+        return moments._replace(mean=motion.space.wrapped(moments.mean))
+
+    def _propagated(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
         noise_cov = motion.noise_cov(control, dt)
         if self.noise == "augmented":
             joint = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov))
@@ -110,7 +114,7 @@ class DeadReckoning(GaussianFilter):
 
 @dataclass(frozen=True)
 class IteratedFilter(GaussianFilter):
-    """The update repeated, the sensor linearised each time about the estimate it gave: Gauss-Newton. Bell and Cathey 1993.
+    """The update repeated, the sensor linearised about the estimate it gave: Gauss-Newton. Bell and Cathey 1993.
 
     iterations: >= 1 linearisations; 1 is the EKF. The fit is that of the first, about the prediction.
     """

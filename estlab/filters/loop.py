@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, no_fit
+from estlab.filters.contract import Belief, Filter, Fit, no_fit
 from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
 from estlab.maths.space import Array
@@ -85,19 +85,36 @@ class Loop:
             return belief._replace(mean=after.mean, cov=after.cov), Link(belief, after)
         return self.filter.predict(self.motion, belief, control, lapse), None
 
-    def _update(self, belief: Any, record: Record, taken: slice) -> tuple[Any, Fit]:
-        values = record.readings.values[:, taken]
-        places = self.sensor.place(record.readings.target[taken])
-        m, count, runs = values.shape
-        if self.scheme == "stacked" and count > 1:
-            long = np.swapaxes(values, 0, 1).reshape(count * m, runs)
-            return self.filter.update(self.sensor.times(count), belief, long, places)
+    def _update(self, belief: Belief, record: Record, taken: slice) -> tuple[Belief, Fit]:
+        """Take in a step's readings. A run takes no part in a reading that it does not have."""
+        values, target = record.readings.values[:, taken], record.readings.target[taken]
+        has = np.asarray(~np.isnan(values).all(axis=0))
+        if self.scheme == "stacked":
+            return self._stacked(belief, values, target, has)
 
-        fit = no_fit(runs)
+        fit = no_fit(record.runs)
         at_rest = np.zeros((record.control.shape[0], 1))
-        for i in range(count):
+        for i in range(values.shape[1]):
+            runs = np.flatnonzero(has[i])
+            if runs.size == 0:
+                continue
+            part = belief if runs.size == record.runs else belief.of(runs)
             if self.scheme == "interleaved" and i > 0:
-                belief = self.filter.predict(self.motion, belief, at_rest, self.pause)
-            belief, one = self.filter.update(self.sensor, belief, values[:, i], places[:, i])
-            fit = fit.plus(one)
+                part = self.filter.predict(self.motion, part, at_rest, self.pause)
+            place = self.sensor.place(target[i, runs])
+            part, one = self.filter.update(self.sensor, part, values[:, i, runs], place)
+            belief = part if runs.size == record.runs else belief.put(runs, part)
+            fit = fit.add(runs, one)
+        return belief, fit
+
+    def _stacked(self, belief: Belief, values: Array, target: Array, has: Array) -> tuple[Belief, Fit]:
+        """All of a run's readings as one, for the runs of each number of readings in turn."""
+        fit, counts = no_fit(has.shape[1]), has.sum(axis=0)
+        for count in np.unique(counts[counts > 0]):
+            runs = np.flatnonzero(counts == count)
+            slots = np.argsort(~has[:, runs], axis=0, kind="stable")[:count]
+            places = self.sensor.place(np.take_along_axis(target[:, runs], slots, axis=0))
+            long = np.take_along_axis(values[:, :, runs], slots[None], axis=1).swapaxes(0, 1).reshape(-1, runs.size)
+            part, one = self.filter.update(self.sensor.times(int(count)), belief.of(runs), long, places)
+            belief, fit = belief.put(runs, part), fit.add(runs, one)
         return belief, fit

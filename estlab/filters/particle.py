@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower
 from estlab.maths.resampling import Scheme, effective_size, log_normalised, resample
 from estlab.maths.space import Array
@@ -23,11 +23,17 @@ class Step(NamedTuple):
     noise: Array
     dt: float
 
+    def of(self, runs: Array) -> "Step":
+        """The prediction in some of the runs."""
+        control = self.control[..., runs] if self.control.shape[-1] > 1 else self.control
+        return self._replace(before=self.before[..., runs], control=control, noise=self.noise[..., runs])
+
 
 class Particles(NamedTuple):
     """Points (n, N, runs) and normalised log-weights (N, runs); where they began, and their streams.
 
-    vanished: (runs,) how often all weights were lost since the last prediction. last: the prediction that made the points, if no reading came since.
+    vanished: (runs,) how often all weights were lost since the last prediction.
+    last: the prediction that made the points. fresh: (runs,) whether no reading has come since.
     """
 
     points: Array
@@ -36,6 +42,23 @@ class Particles(NamedTuple):
     draws: Draws
     vanished: Array
     last: Step | None
+    fresh: Array
+
+    def of(self, runs: Array) -> "Particles":
+        """The belief in some of the runs."""
+        arrays = (self.points, self.log_weights, self.vanished, self.fresh)
+        points, log_weights, vanished, fresh = (a[..., runs] for a in arrays)
+        last = None if self.last is None else self.last.of(runs)
+        return Particles(points, log_weights, self.prior.of(runs), self.draws.of(runs), vanished, last, fresh)
+
+    def put(self, runs: Array, part: "Particles") -> "Particles":
+        """The belief with those of some runs replaced."""
+        return self._replace(
+            points=placed(self.points, runs, part.points),
+            log_weights=placed(self.log_weights, runs, part.log_weights),
+            vanished=placed(self.vanished, runs, part.vanished),
+            fresh=placed(self.fresh, runs, part.fresh),
+        )
 
     @property
     def weights(self) -> Array:
@@ -46,14 +69,16 @@ class Particles(NamedTuple):
 class ParticleFilter(Filter):
     """Predict by drawing, update by weighing, resample when few weights are left. Gordon, Salmond and Smith 1993.
 
-    particles: how many. resampling: by which scheme. threshold: resample when the effective sample size is below this share of them,
-    at the next prediction, so that estimates are of the weighted cloud.
+    particles: how many. resampling: by which scheme. threshold: resample when the effective sample size is below this
+    share of them, at the next prediction, so that estimates are of the weighted cloud.
     roughening: >= 0, noise after resampling as a share of the cloud's range times N^(-1/n); Gordon et al., section 4.
     injection: share of the particles drawn anew from the prior at each resampling.
-    bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud; Musso, Oudjane and Le
-    Gland 2001, section 12.2.3. ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless
-    prediction fits the reading; Pitt and Shephard 1999.
-    recovery: what to do when every weight has vanished: ``flatten`` forgets the reading, ``redraw`` begins again from the prior.
+    bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud;
+    Musso, Oudjane and Le Gland 2001, section 12.2.3.
+    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction fits the
+    reading; Pitt and Shephard 1999.
+    recovery: what to do when every weight has vanished: ``flatten`` forgets the reading, ``redraw`` begins again from
+    the prior.
     """
 
     particles: int
@@ -79,7 +104,7 @@ class ParticleFilter(Filter):
         points = prior.sample(draws, self.particles)
         runs = points.shape[-1]
         even = np.full((self.particles, runs), -np.log(self.particles))
-        return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None)
+        return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         belief = self._resampled(motion, belief)
@@ -87,25 +112,32 @@ class ParticleFilter(Filter):
         noise = matmul(cholesky(motion.noise_cov(control, dt)), z)
         points = motion.step(belief.points, control, noise, dt)
         last = Step(motion, belief.points, control, noise, dt)
-        return belief._replace(points=points, vanished=np.zeros_like(belief.vanished), last=last)
+        fresh = np.ones_like(belief.fresh)
+        return belief._replace(points=points, vanished=np.zeros_like(belief.vanished), last=last, fresh=fresh)
 
     def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
         fit = _fit(sensor, belief, reading, place)
-        if self.ancestors == "auxiliary" and belief.last is not None:
-            belief = self._with_chosen_ancestors(sensor, belief, belief.last, reading, place)
-        else:
-            weighed = belief.log_weights + _log_likelihood(sensor, belief.points, reading, place)
-            belief = belief._replace(log_weights=weighed)
+        fresh = np.flatnonzero(belief.fresh)
+        weighed = belief.log_weights + _log_likelihood(sensor, belief.points, reading, place)
+        updated = belief._replace(log_weights=weighed)
+        if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
+            part = belief.of(fresh)
+            place = place[..., fresh] if place.shape[-1] > 1 else place
+            part = self._with_chosen_ancestors(sensor, part, part.last, reading[:, fresh], place)
+            updated = updated.put(fresh, part)
+        belief = updated
         log_weights, vanished = log_normalised(belief.log_weights)
         points = belief.points
         if self.recovery == "redraw" and vanished.any():
-            points = np.where(vanished, belief.prior.sample(belief.draws, self.particles), points)
+            lost = np.flatnonzero(vanished)
+            points = placed(points, lost, belief.prior.of(lost).sample(belief.draws.of(lost), self.particles))
         counted = belief.vanished + vanished
-        return belief._replace(points=points, log_weights=log_weights, vanished=counted, last=None), fit
+        stale = np.zeros_like(belief.fresh)
+        return belief._replace(points=points, log_weights=log_weights, vanished=counted, fresh=stale), fit
 
     def moments(self, belief: Particles, motion: Motion) -> Gaussian:
         weights = belief.weights
-        mean = motion.space.cloud_mean(belief.points, weights)
+        mean = motion.space.mean(belief.points, weights)
         spread = motion.space.minus(belief.points, mean[:, None])
         return Gaussian(mean, gram(weights * spread, spread))
 
@@ -131,7 +163,7 @@ class ParticleFilter(Filter):
             root = np.nan_to_num(cholesky(moments.cov), nan=0.0)
             chosen = chosen + self.bandwidth * best * matmul(root, draws.normals(chosen.shape[:2]))
         if self.injection > 0.0:
-            fresh = belief.prior.sample(belief.draws, self.particles)[:, :, few]
+            fresh = belief.prior.of(few).sample(draws, self.particles)
             replaced = draws.uniforms((self.particles,)) < self.injection
             chosen = np.where(replaced, fresh, chosen)
         points, log_weights = belief.points.copy(), belief.log_weights.copy()
@@ -139,9 +171,11 @@ class ParticleFilter(Filter):
         return belief._replace(points=points, log_weights=log_weights)
 
     def _with_chosen_ancestors(
-        self, sensor: Sensor, belief: Particles, last: Step, reading: Array, place: Array
+        self, sensor: Sensor, belief: Particles, last: Step | None, reading: Array, place: Array
     ) -> Particles:
-        """Ancestors drawn by how well their noiseless prediction fits, then moved with the noise and weighed for the choice."""
+        """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
+        if last is None:
+            return belief
         silent = np.zeros_like(last.noise)
         guess = last.motion.step(last.before, last.control, silent, last.dt)
         fits = _log_likelihood(sensor, guess, reading, place)
@@ -158,7 +192,7 @@ def _log_likelihood(sensor: Sensor, points: Array, reading: Array, place: Array)
     residual = sensor.space.minus(reading[:, None], sensor.read(points, place))
     residual = np.where(np.isnan(reading)[:, None], 0.0, residual)
     m = residual.shape[0]
-    whitened = solve_lower(cholesky(sensor.noise_cov).reshape(m, m, 1), residual.reshape(m, -1, residual.shape[-1]))
+    whitened = solve_lower(cholesky(sensor.noise_cov).reshape(m, m, 1), residual)
     return -0.5 * np.einsum("i...,i...->...", whitened, whitened)
 
 
@@ -166,7 +200,7 @@ def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit
     """NIS by the moments of the predicted reading under the weighted cloud."""
     weights = belief.weights
     expected = sensor.read(belief.points, place)
-    mean = sensor.space.cloud_mean(expected, weights)
+    mean = sensor.space.mean(expected, weights)
     spread = sensor.space.minus(expected, mean[:, None])
     missing = np.isnan(reading)
     m = reading.shape[0]

@@ -20,8 +20,8 @@ class Link(NamedTuple):
 def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> tuple[Array, Array]:
     """Smoothed mean (n, T, runs) and cov (n, n, T, runs) from the filtered ones.
 
-    links[k]: the prediction that led to step k, None where no time passed. Saerkkae 2013, section 9.1: the gain is C P^-1 with C
-    the cross-covariance of the state before and after, by whatever transform made it.
+    links[k]: the prediction that led to step k, None where no time passed. Saerkkae 2013, section 9.1: the gain is
+    C P^-1 with C the cross-covariance of the state before and after, by whatever transform made it.
     """
     smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
     later = Gaussian(mean[:, -1], cov[:, :, -1])

@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
 from estlab.filters.gaussian import chi_square_quantile
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
 from estlab.maths.space import Array
@@ -22,13 +22,21 @@ class Root(NamedTuple):
     mean: Array
     factor: Array
 
+    def of(self, runs: Array) -> "Root":
+        """The belief in some of the runs."""
+        return Root(self.mean[..., runs], self.factor[..., runs])
+
+    def put(self, runs: Array, part: "Root") -> "Root":
+        """The belief with those of some runs replaced."""
+        return Root(placed(self.mean, runs, part.mean), placed(self.factor, runs, part.factor))
+
 
 @dataclass(frozen=True)
 class SquareRootFilter(Filter):
     """The additive-noise sigma-point filter on factors: every covariance is the triangle of a QR decomposition.
 
-    Van der Merwe and Wan 2001; Arasaratnam and Haykin 2009, appendix B. Nothing is ever subtracted, so weights must not be
-    negative. transform: the points. gate: as in GaussianFilter.
+    Van der Merwe and Wan 2001; Arasaratnam and Haykin 2009, appendix B. Nothing is ever subtracted, so weights must
+    not be negative. transform: the points. gate: as in GaussianFilter.
     """
 
     transform: SigmaPoints
@@ -54,7 +62,7 @@ class SquareRootFilter(Filter):
     def predict(self, motion: Motion, belief: Root, control: Array, dt: float) -> Root:
         mean, _, of_value = self._deviations(motion.function(control, dt), belief)
         noise = matmul(motion.noise_jacobian(belief.mean, control, dt), cholesky(motion.noise_cov(control, dt)))
-        return Root(mean, triangle(np.concatenate([of_value, noise], axis=1)))
+        return Root(motion.space.wrapped(mean), triangle(np.concatenate([of_value, noise], axis=1)))
 
     def update(self, sensor: Sensor, belief: Root, reading: Array, place: Array) -> tuple[Root, Fit]:
         mean, of_state, of_value = self._deviations(sensor.function(place), belief)

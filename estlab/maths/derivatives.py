@@ -27,7 +27,7 @@ def jacobian(function: Callable[[Array], Array], at: Array, space: Space) -> Arr
 
 
 def hessian(function: Callable[[Array], Array], at: Array, space: Space) -> Array:
-    """Central-difference Hessians (m, n, n, *batch) of a function (n, p, *batch) -> (m, p, *batch) at a point (n, *batch).
+    """Central-difference Hessians (m, n, n, *batch) of a function as in :func:`jacobian`, at a point (n, *batch).
 
     Second differences along x_i + x_j and x_i - x_j; all points go through the function in one call.
     """

@@ -15,6 +15,14 @@ class Gaussian(NamedTuple):
     mean: Array
     cov: Array
 
+    def of(self, runs: Array) -> "Gaussian":
+        """The belief in some of the runs, for a covariance that has runs or none."""
+        return Gaussian(self.mean[..., runs], self.cov[..., runs] if self.cov.ndim > 2 else self.cov)
+
+    def put(self, runs: Array, part: "Gaussian") -> "Gaussian":
+        """The belief with those of some runs replaced."""
+        return Gaussian(placed(self.mean, runs, part.mean), placed(self.cov, runs, part.cov))
+
     def fitted(self) -> "Gaussian":
         """Itself: any prior can be asked for the Gaussian that stands for it."""
         return self
@@ -35,3 +43,10 @@ def draw(space: Space, belief: Gaussian, standard_normal: Array) -> Array:
     """x = A z + b with A A' = P: Gaussian vectors from standard normal ones (n, *batch). Document 000, problem I."""
     factor = cholesky(belief.cov)
     return space.plus(belief.mean, np.einsum("ik...,k...->i...", factor, standard_normal))
+
+
+def placed(whole: Array, runs: Array, part: Array) -> Array:
+    """A copy of (*shape, runs) with some of the runs replaced."""
+    copy = whole.copy()
+    copy[..., runs] = part
+    return copy

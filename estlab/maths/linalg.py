@@ -78,12 +78,6 @@ def solve_lower_transposed(factor: Array, b: Array) -> Array:
     return solution
 
 
-def mahalanobis2(error: Array, cov: Array) -> Array:
-    """e' P^-1 e for (n, *batch) and (n, n, *batch); NaN where P is not positive definite."""
-    whitened = solve_lower(cholesky(cov), error[:, None])
-    return np.einsum("ik...,ik...->...", whitened, whitened)
-
-
 def diagonal(values: Array) -> Array:
     """The (n, n, *batch) matrix with these values (n, *batch) on its diagonal."""
     values = np.asarray(values)

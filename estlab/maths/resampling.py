@@ -27,7 +27,7 @@ def log_normalised(log_weights: Array) -> tuple[Array, Array]:
 
 
 def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
-    """Indices (N, runs) drawn with replacement, index i as often as N times its weight in the mean; weights (N, runs)."""
+    """Indices (N, runs), each drawn N times its weight in the mean, with replacement; weights (N, runs)."""
     count = weights.shape[0]
     u = draws.uniforms((1 if scheme == "systematic" else count,))
     chosen = np.empty(weights.shape, dtype=int)

@@ -16,9 +16,9 @@ class SigmaPoints(ABC):
     """Weighted points about the mean; a subclass says where they lie and what they weigh.
 
     Everything is taken about the image of the mean, d_i = f(x_i) - f(mean). With weights w_i of the points and
-    m = sum w_i d_i, the covariance  sum w_i (d_i - m)(d_i - m)'  is  sum w_i d_i d_i' - m m', whatever the centre's weight
-    w_0 = 1 - sum w_i, since d_0 = 0. That weight, near -1e6 for the scaled points at alpha = 1e-3, never appears, and nothing
-    cancels. Sets whose centre counts otherwise in the covariance say by how much in ``bonus``.
+    m = sum w_i d_i, the covariance  sum w_i (d_i - m)(d_i - m)'  is  sum w_i d_i d_i' - m m', whatever the
+    centre's weight w_0 = 1 - sum w_i, since d_0 = 0. That weight, near -1e6 for the scaled points at alpha = 1e-3,
+    never appears, and nothing cancels. Sets whose centre counts otherwise in the covariance say so in ``bonus``.
     """
 
     @abstractmethod
@@ -115,7 +115,7 @@ class Cubature(SymmetricSigmaPoints):
 
 
 class Simplex(SigmaPoints):
-    """n + 1 points of equal weight at the corners of a regular simplex: the fewest. Moireau and Chapelle 2011, section 3.2."""
+    """n + 1 points of equal weight, the corners of a regular simplex. Moireau and Chapelle 2011, section 3.2."""
 
     def weights(self, n: int) -> Array:
         return np.full(n + 1, 1.0 / (n + 1))

@@ -49,21 +49,19 @@ class Space:
             total[i] = wrap(total[i])
         return total
 
+    def wrapped(self, a: Array) -> Array:
+        """The same vectors (n, *batch) with angles in [-pi, pi]."""
+        if not self.angles:
+            return a
+        wrapped = a.copy()
+        for i in self.angles:
+            wrapped[i] = wrap(wrapped[i])
+        return wrapped
+
     def mean(self, points: Array, weights: Array) -> Array:
-        """Weighted mean of points (n, p, *batch) with weights (p, *batch or nothing) that sum to one.
+        """Weighted mean of points (n, p, *batch) that may lie all round; weights (p, *batch) >= 0 of sum one.
 
-        Taken about the first point, so that an angle near the cut, a wide spread and a negative
-        weight are all right; the arctangent of weighted sines is not, once a heading's standard deviation
-        passes about 81 degrees. The points must lie within half a turn of the first one.
-        """
-        about = points[:, :1]
-        steps = self.minus(points, about)
-        return self.plus(about[:, 0], np.einsum("ip...,p...->i...", steps, weights))
-
-    def cloud_mean(self, points: Array, weights: Array) -> Array:
-        """Weighted mean of a cloud (n, p, *batch) that may lie all round, with weights (p, *batch) >= 0 that sum to one.
-
-        Angles by the circular mean, the direction of the weighted sum of unit vectors. Mardia and Jupp 2000, section 2.2.1.
+        Angles by the circular mean, the direction of the sum of unit vectors. Mardia and Jupp 2000, section 2.2.1.
         """
         mean = np.einsum("ip...,p...->i...", points, weights)
         for i in self.angles:

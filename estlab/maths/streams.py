@@ -45,7 +45,7 @@ class Draws:
     def __init__(self, generators: list[np.random.Generator]) -> None:
         self._generators = generators
 
-    def of(self, runs: Iterable[int]) -> "Draws":
+    def of(self, runs: Array) -> "Draws":
         """The streams of some of the runs, by their place in this batch."""
         return Draws([self._generators[run] for run in runs])
 

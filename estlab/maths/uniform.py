@@ -16,6 +16,10 @@ class Uniform(NamedTuple):
     high: Array
     runs: int
 
+    def of(self, runs: Array) -> "Uniform":
+        """The same in some of the runs."""
+        return self._replace(runs=runs.size)
+
     def fitted(self) -> Gaussian:
         """The Gaussian of the same mean (n, runs) and covariance (n, n)."""
         mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)

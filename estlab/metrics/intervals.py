@@ -33,6 +33,15 @@ def mean_interval(values: Array) -> Estimate:
     return Estimate(mean, mean - half, mean + half, n)
 
 
+def positive_interval(values: Array) -> Estimate:
+    """The same on the scale of logarithms, by the delta method: a mean of positive values cannot reach zero."""
+    mean, low, high, n = mean_interval(values)
+    if n < 2 or not mean > 0.0:
+        return Estimate(mean, low, high, n)
+    stretch = float(np.exp(min((high - mean) / mean, 50.0)))
+    return Estimate(mean, mean / stretch, mean * stretch, n)
+
+
 def chi_square_band(freedom: Array) -> tuple[Array, Array]:
     """Where a chi-square over its degrees of freedom lies with 95 %: lower and upper, NaN for no freedom.
 

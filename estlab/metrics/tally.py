@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estlab.maths.linalg import mahalanobis2
+from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array, Space
-from estlab.metrics.intervals import Estimate, chi_square_band, mean_interval
+from estlab.metrics.intervals import Estimate, chi_square_band, mean_interval, positive_interval
 from estlab.record import Estimates, Record
 
 Columns = dict[str, Array]
@@ -26,18 +26,25 @@ class Tally:
     space: Space
     time: Array
     found_within: float | None = None
+    repeated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
     per_run: dict[str, list[Array]] = field(default_factory=dict)
 
     def add(self, record: Record, estimates: Estimates) -> None:
         """Take in a block of runs."""
         error = self.space.minus(estimates.mean, record.truth)
-        sigma = np.sqrt(estimates.cov[range(self.space.size), range(self.space.size)])
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            sigma = np.sqrt(estimates.cov[range(self.space.size), range(self.space.size)])
+            factor = cholesky(estimates.cov)
+            whitened = solve_lower(factor, error[:, None])[:, 0]
+            nees = np.einsum("i...,i...->...", whitened, whitened)
+        # Not finite, or not positive definite: such a belief is none.
+        broken = ~(np.isfinite(factor[-1, -1]) & np.isfinite(estimates.mean).all(0))
         scored = np.isfinite(error) & np.isfinite(sigma)
         inside = scored & (np.abs(error) <= 3.0 * sigma)
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            nees = mahalanobis2(error, estimates.cov)
         whole = np.isfinite(nees)
+        lapse = np.diff(record.time, prepend=record.start)
+        lapse = (lapse / lapse.sum() if lapse.sum() > 0.0 else np.full(lapse.size, 1.0 / lapse.size))[:, None]
         fitted = np.isfinite(estimates.nis)
         size = np.where(fitted, estimates.nis_size, 0)
         self._add_sums(
@@ -61,11 +68,11 @@ class Tally:
             median_abs_error=_median(np.where(scored, np.abs(error), np.nan)),
             mean_sigma=_ratio(_total(sigma, scored, 1), count),
             inside_3sigma=_ratio(inside.sum(1), count),
-            scored=count / self.time.size,
+            scored=(lapse * scored).sum(1),
             anees=_ratio(_total(nees, whole, 0), whole.sum(0) * self.space.size),
-            nees_scored=whole.mean(0),
+            nees_scored=(lapse * whole).sum(0),
             anis=_ratio(_total(estimates.nis, fitted, 0), size.sum(0)),
-            diverged=estimates.diverged,
+            diverged=np.broadcast_to(broken.any(0), whole.shape[1:]),
         )
         if self.space.position:
             at = list(self.space.position)
@@ -74,7 +81,7 @@ class Tally:
             self._add_runs(
                 position_rmse=_ratio(_total(distance2, known, 0), known.sum(0)),
                 position_median=_median(np.sqrt(distance2)),
-                position_scored=known.mean(0),
+                position_scored=(lapse * known).sum(0),
             )
             if self.found_within is not None:
                 self._add_runs(found_time=self._found_time(np.sqrt(distance2)))
@@ -121,7 +128,7 @@ class Tally:
     def nees(self) -> Columns:
         """NEES over n and over the runs at each time: 1 for a consistent filter; with its 95 % band."""
         runs = self.sums["nees_runs"]
-        lower, upper = chi_square_band(runs * self.space.size)
+        lower, upper = chi_square_band(self._independent(runs) * self.space.size)
         return {
             "time": self.time,
             "anees": _ratio(self.sums["nees"], runs * self.space.size),
@@ -133,15 +140,15 @@ class Tally:
     def nis(self) -> Columns:
         """NIS over the numbers measured, at each time with a reading; 1 for a consistent filter; with its 95 % band."""
         measured = self.sums["nis_size"] > 0
-        size = self.sums["nis_size"][measured]
-        lower, upper = chi_square_band(size)
+        size, runs = self.sums["nis_size"][measured], self.sums["nis_runs"][measured]
+        lower, upper = chi_square_band(size * self._independent(runs) / np.maximum(runs, 1))
         return {
             "time": self.time[measured],
             "anis": self.sums["nis"][measured] / size,
             "lower": lower,
             "upper": upper,
             "degrees_of_freedom": size,
-            "runs_scored": self.sums["nis_runs"][measured],
+            "runs_scored": runs,
         }
 
     def notes(self) -> Columns:
@@ -155,12 +162,16 @@ class Tally:
             "mean": np.concatenate(list(found.values())) if found else np.empty(0),
         }
 
+    def _independent(self, runs: Array) -> Array:
+        """How many of the runs count for a band: repeats of one recording are worth one."""
+        return np.minimum(runs, 1) if self.repeated else runs
+
     def metrics(self) -> list[dict[str, object]]:
         """Tidy rows of metric, component, unit, value, ci_low, ci_high, n: means over runs with a 95 % interval."""
         rows: list[dict[str, object]] = []
 
         def row(metric: str, component: str, unit: str, estimate: Estimate) -> None:
-            low, high = estimate.low, estimate.high
+            low, high = (np.nan, np.nan) if self.repeated else (estimate.low, estimate.high)
             rows.append(
                 {
                     "metric": metric,
@@ -176,17 +187,18 @@ class Tally:
         for metric in ("rmse", "median_abs_error", "mean_error", "mean_sigma", "inside_3sigma", "scored"):
             share = metric in ("inside_3sigma", "scored")
             for name, unit, values in zip(self.space.names, self.space.units, self._runs(metric), strict=True):
+                found = positive_interval(values) if metric == "rmse" else mean_interval(values)
                 finish = _root if metric == "rmse" else _share if share else _same
-                row(metric, name, "" if share else unit, finish(mean_interval(values)))
+                row(metric, name, "" if share else unit, finish(found))
         if self.space.position:
             unit = self.space.units[self.space.position[0]]
-            row("rmse", "position", unit, _root(mean_interval(self._runs("position_rmse"))))
+            row("rmse", "position", unit, _root(positive_interval(self._runs("position_rmse"))))
             row("median_abs_error", "position", unit, mean_interval(self._runs("position_median")))
             row("scored", "position", "", _share(mean_interval(self._runs("position_scored"))))
         row("scored", "all", "", _share(mean_interval(self._runs("nees_scored"))))
-        row("anees", "all", "", _not_negative(mean_interval(self._runs("anees"))))
+        row("anees", "all", "", positive_interval(self._runs("anees")))
         if self.sums["nis_size"].any():
-            row("anis", "all", "", _not_negative(mean_interval(self._runs("anis"))))
+            row("anis", "all", "", positive_interval(self._runs("anis")))
         for name in ("gated", "vanished"):
             if f"note_{name}" in self.sums and self.sums[f"note_{name}"].any():
                 total = int(self.sums[f"note_{name}"].sum())
@@ -235,14 +247,10 @@ def _same(estimate: Estimate) -> Estimate:
 
 def _root(estimate: Estimate) -> Estimate:
     """The root of a mean square; its interval is the root of the mean square's."""
-    value, low, high, n = _not_negative(estimate)
+    value, low, high, n = estimate
     return Estimate(np.sqrt(value), np.sqrt(low), np.sqrt(high), n)
 
 
 def _share(estimate: Estimate) -> Estimate:
     value, low, high, n = estimate
-    return _not_negative(Estimate(value, low, min(high, 1.0) if np.isfinite(high) else high, n))
-
-
-def _not_negative(estimate: Estimate) -> Estimate:
-    return estimate._replace(low=max(estimate.low, 0.0) if np.isfinite(estimate.low) else estimate.low)
+    return Estimate(value, max(low, 0.0) if np.isfinite(low) else low, min(high, 1.0) if np.isfinite(high) else high, n)

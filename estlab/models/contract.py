@@ -41,7 +41,8 @@ def matrix(rows: Rows, batch: tuple[int, ...]) -> Array:
 class Motion:
     """x[k] = move(x[k-1], u[k], w[k], dt) with w ~ N(0, noise_cov(u, dt)).
 
-    move(state, control, noise, dt): components in, components out.
+    move(state, control, noise, dt): components in, components out. It must not wrap its angles: what it
+    returns is continuous in its arguments, so that sigma points more than half a turn apart stay apart.
     noise_cov(control, dt): (q, q, runs or nothing). noise_size: q.
     jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None for differences.
     hessians(state, control, dt): for each component of x, rows of its second derivative in x, or None for differences.
@@ -53,6 +54,11 @@ class Motion:
     noise_size: int
     jacobians: Callable[[Array, Array, float], tuple[Rows, Rows]] | None = None
     hessians: Callable[[Array, Array, float], tuple[Rows, ...]] | None = None
+
+    @property
+    def line(self) -> Space:
+        """The state's space with its angles unrolled: how values of ``move`` are subtracted from each other."""
+        return replace(self.space, angles=())
 
     def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
         """The next state (n, *batch)."""
@@ -76,7 +82,7 @@ class Motion:
             def curvature(state: Array) -> Array:
                 return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, control, dt)])
 
-        return Function(lambda points: self.step(points, control, silent, dt), self.space, slope, curvature)
+        return Function(lambda points: self.step(points, control, silent, dt), self.line, slope, curvature)
 
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""
@@ -89,14 +95,14 @@ class Motion:
                 in_state, in_noise = jacobians(joint[:n], control, dt)
                 return matrix(tuple((*a, *b) for a, b in zip(in_state, in_noise, strict=True)), joint.shape[1:])
 
-        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.space, slope)
+        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.line, slope)
 
     def noise_jacobian(self, state: Array, control: Array, dt: float) -> Array:
         """dx/dw (n, q, *batch) at w = 0."""
         if self.jacobians is not None:
             return matrix(self.jacobians(state, control, dt)[1], state.shape[1:])
         silent = np.zeros((self.noise_size, *state.shape[1:]))
-        return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.space)
+        return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.line)
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,9 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     mean = "" if runs == 1 else f", mean of {int(table['runs_scored'].max())} runs"
     for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
         label = what + mean if len(by_filter) == 1 else f"{filter}{mean}"
+        rows = _broken_at_gaps(rows)
         axes.plot(rows["time"], rows[column], "." if dense else "-", ms=2, color=colour, lw=1.0, label=label)
-    first = by_filter[0][1]
+    first = _broken_at_gaps(by_filter[0][1])
     axes.fill_between(
         first["time"],
         first["lower"],
@@ -133,18 +134,24 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     steps = np.unique(np.linspace(0, arrays["time"].size - 1, 15).astype(int))
     for name, colour in zip(filters, _colours(len(filters)), strict=True):
         prefix = f"{name}." if len(filters) > 1 else ""
+        axes.plot(*arrays[f"{prefix}mean"][at, :, 0], color=colour, lw=1.1, label=name if prefix else "estimate")
+    # What is uncertain beyond the picture shall not shrink it.
+    left, low, right, top = axes.dataLim.extents
+    wide, high = axes.dataLim.size
+    for name, colour in zip(filters, _colours(len(filters)), strict=True):
+        prefix = f"{name}." if len(filters) > 1 else ""
         mean, cov = arrays[f"{prefix}mean"][at, :, 0], arrays[f"{prefix}cov"][at][:, at, :, 0]
-        axes.plot(*mean, color=colour, lw=1.1, label=name if prefix else "estimate")
         outline = ellipses(mean[:, steps], cov[..., steps])
         axes.plot(*outline, color=colour if prefix else _BAND, lw=0.8, ls=":" if prefix else "-")
     axes.plot([], [], color="0.4" if len(filters) > 1 else _BAND, lw=0.8, label="3 sigma of the position")
     known = np.flatnonzero(np.isfinite(truth).all(axis=0))
     if known.size:
         axes.plot(*truth[:, known[0]], "o", color=_TRUTH, mfc="white", ms=7, label="start of the truth")
-    wide, high = axes.dataLim.size
+    margin = 0.08 * max(wide, high)
+    axes.set_xlim(left - margin, right + margin)
+    axes.set_ylim(low - margin, top + margin)
     figure.set_size_inches(_WIDTH, 1.6 + _WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.06)
     axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
@@ -180,6 +187,17 @@ def _colours(count: int) -> list[str]:
 def _legend_below(figure: "Figure", axes: "Axes", columns: int = 4) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
+
+
+def _broken_at_gaps(rows: "DataFrame") -> "DataFrame":
+    """Rows with an empty one wherever time jumps by many steps, so that no line is drawn across."""
+    import pandas as pd
+
+    time = rows["time"].to_numpy()
+    lapse = np.diff(time)
+    gaps = np.flatnonzero(lapse > 10.0 * np.median(lapse)) if lapse.size else np.empty(0, dtype=int)
+    empty = pd.DataFrame({"time": 0.5 * (time[gaps] + time[gaps + 1])})
+    return pd.concat([rows, empty]).sort_values("time", kind="stable") if gaps.size else rows
 
 
 def _logarithmic(axes: "Axes", low: float, high: float) -> None:

@@ -51,7 +51,7 @@ def summary(
     remarks: Sequence[str],
     where: str,
 ) -> None:
-    """Print the result: errors by component for one filter or a line a filter for several, the problem's own table, the path."""
+    """Print the result: a line a component for one filter, a line a filter for several; the problem's own; the path."""
     out = console()
     by = {name: {(row["metric"], row["component"]): row for row in found} for name, found in rows.items()}
     out.print(_components(title, by) if len(by) == 1 else _filters(title, by))

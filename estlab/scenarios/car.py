@@ -139,7 +139,7 @@ class Car(Scenario):
     def _drive(self, streams: Streams, runs: Sequence[int], time: Array, scale: float) -> tuple[Array, Array]:
         """The state at -dt (6, runs) and at each time (6, T, runs)."""
         start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
-        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
+        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([3.0, 1.5, 1.5, 0.05, 0.8, 0.25])
         begin = nominal[:, None] + spread[:, None] * start
         rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
         if self.truth == "model":
@@ -208,6 +208,11 @@ def _frame(path: Path, index: int, points: Array) -> Array:
         raise UserError(
             f"{path}: lidar({index + 1}).z must be finite and N x 2, range [m] and bearing [rad]; it is {points.shape}"
         )
+    if (points[:, 0] < 0.0).any() or (np.abs(points[:, 1]) > 2.0 * np.pi).any():
+        raise UserError(
+            f"{path}: lidar({index + 1}).z has a negative range or a bearing beyond a full turn; "
+            "its columns are range [m], then bearing [rad]"
+        )
     return points.T
 
 
@@ -215,11 +220,11 @@ def _frame_times(path: Path, frames: list[dict[str, Array]], dt: float) -> Array
     if "t" not in frames[0]:
         return dt * np.arange(len(frames))
     if any(frame["t"].size != 1 for frame in frames):
-        raise UserError(f"{path}: every lidar(i).t must be one number, the frame's time [s]")
+        raise UserError(f"{path}: every element's t must be one number, its time [s]")
     time = np.array([frame["t"].item() for frame in frames])
     if not (np.diff(time) > 0.0).all():
         late = int(np.argmin(np.diff(time) > 0.0)) + 2
-        raise UserError(f"{path}: lidar({late}).t does not come after the frame before; sort the frames")
+        raise UserError(f"{path}: t of element {late} does not come after the one before; sort the elements")
     return time
 
 

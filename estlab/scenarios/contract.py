@@ -110,6 +110,13 @@ def check_positive(**values: float) -> None:
             raise ValueError(f"{name} must be > 0 and finite, got {value:g}")
 
 
+def check_duration(duration: float, dt: float) -> None:
+    """Raise ValueError unless at least one step and at most ten million fit."""
+    check_positive(dt=dt, duration=duration)
+    if not 1 <= round(duration / dt) <= 10_000_000:
+        raise ValueError(f"duration must be from one to ten million steps of dt = {dt:g} s, got {duration:g}")
+
+
 def check_sds(name: str, values: Sequence[float], size: int) -> None:
     """Raise ValueError unless there are ``size`` positive standard deviations, so that their covariance is definite."""
     if len(values) != size:

@@ -16,7 +16,7 @@ from estlab.maths.streams import Streams
 from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,8 @@ class Landmark(Scenario):
     unknown_barcodes: float
 
     def __post_init__(self) -> None:
-        check_positive(dt=self.dt, duration=self.duration, max_range=self.max_range, speed=self.speed)
+        check_duration(self.duration, self.dt)
+        check_positive(max_range=self.max_range, speed=self.speed)
         check_positive(interleave_dt=self.interleave_dt, truth_gap=self.truth_gap)
         check_sds("process_sd", self.process_sd, 2)
         check_sds("measurement_sd", self.measurement_sd, 2)
@@ -130,6 +131,7 @@ class Landmark(Scenario):
             recording.files,
             (*recording.remarks, *_truth_remarks(truth)),
             recording.landmarks,
+            repeated=True,
         )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
@@ -213,7 +215,7 @@ class Landmark(Scenario):
         if not fixed.any():
             odometry, truth = recording.files[0], recording.files[2]
             raise UserError(f"{truth}: no trusted truth at any time of {odometry.name}; is it another robot's?")
-        return float(time[0]), float(time[fixed.argmax()] - time[0])
+        return float(time[0]), float(time[np.flatnonzero(fixed)[0]] - time[0])
 
 
 def _trusted(truth: Array, gap: float) -> Array:

@@ -173,7 +173,7 @@ MAT_FAULTS = {
     "times": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.0])),
         None,
-        "lidar(2).t does not come after the frame before",
+        "t of element 2 does not come after the one before",
     ),
     "states": (
         dict(lidar=structs(z=[FRAME, FRAME])),

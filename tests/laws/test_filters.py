@@ -48,9 +48,74 @@ def test_a_run_that_breaks_becomes_nan_and_its_neighbours_are_untouched():
         Readings(record.readings.step, values, record.readings.target), record.prior,
     )  # fmt: skip
     good, bad = (estimate(UKF, linear.MOTION, linear.SENSOR, r) for r in (record, broken))
-    np.testing.assert_array_equal(bad.diverged, [False, False, True, False])
+    np.testing.assert_array_equal(np.isnan(bad.mean).any(axis=(0, 1)), [False, False, True, False])
     assert np.isfinite(bad.mean[:, :10, 2]).all()
     np.testing.assert_array_equal(np.delete(bad.mean, 2, axis=2), np.delete(good.mean, 2, axis=2))
+
+
+@pytest.mark.parametrize("scheme", ["sequential", "stacked", "interleaved"])
+@pytest.mark.parametrize("name", ["ukf", "ekf", "pf", "apf", "enkf", "srukf"])
+def test_runs_with_different_readings_do_not_see_each_other(scheme, name):
+    """In the landmark room each run has its own number of readings at a time; no other run's may matter."""
+    experiment = settings("scenario=landmark", f"filter={name}", "scenario.dropped=0.5")
+    problem, noise = experiment.scenario, experiment.noise.filter
+    record = problem.simulate(Streams(2, "landmark"), range(6), noise).first(60)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    together = estimate(experiment.filter, motion, sensor, record, scheme, 0.02)
+    for run in (1, 4):
+        own = problem.simulate(Streams(2, "landmark"), [run], noise).first(60)
+        alone = estimate(experiment.filter, motion, sensor, own, scheme, 0.02, numbers=[run])
+        np.testing.assert_allclose(together.mean[:, :, run], alone.mean[:, :, 0], rtol=1e-8, atol=1e-8)
+        np.testing.assert_array_equal(together.nis_size[:, run], alone.nis_size[:, 0])
+
+
+@pytest.mark.parametrize(
+    "options", ["injection=0.1", "roughening=0.05", "bandwidth=1", "resampling=residual", "threshold=0.9"]
+)
+def test_a_particle_run_does_not_see_another_resample(options):
+    experiment = settings("scenario=landmark", "filter=pf", "filter.particles=50", f"filter.{options}")
+    problem, noise = experiment.scenario, experiment.noise.filter
+    record = problem.simulate(Streams(2, "landmark"), range(6), noise).first(60)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    together = estimate(experiment.filter, motion, sensor, record)
+    alone = estimate(experiment.filter, motion, sensor, _pick(record, 3), numbers=[3])
+    np.testing.assert_allclose(together.mean[:, :, 3], alone.mean[:, :, 0], rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ckf", "ghkf", "srukf", "second_order", "enkf"])
+def test_a_prediction_never_makes_the_heading_more_certain(name):
+    """However wide: sigma points more than half a turn apart stay apart."""
+    experiment = settings("scenario=landmark", f"filter={name}", *(["filter.members=4000"] if name == "enkf" else []))
+    motion = experiment.scenario.motion(experiment.noise.filter)
+    for sd in (0.5, 1.3, 2.0, 3.0):
+        prior = Gaussian(np.array([[1.0], [2.0], [0.3]]), np.diag([0.01, 0.01, sd**2]))
+        belief = experiment.filter.start(prior, Streams(1, "test").draws("wide", [0]))
+        after = experiment.filter.predict(motion, belief, np.array([[0.2], [0.1]]), 0.02)
+        found = np.sqrt(experiment.filter.moments(after, motion).cov[2, 2, 0])
+        expected = np.sqrt(sd**2 + 0.3**2 * 0.02)
+        if name == "enkf":
+            # An ensemble's headings are on the circle, on which a spread beyond half a turn has no size.
+            assert sd > 1.0 or abs(found / expected - 1.0) < 0.05
+        else:
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_a_gate_refuses_what_no_right_reading_is_and_counts_it():
+    record = linear.record(range(3))
+    values = record.readings.values.copy()
+    values[:, 20, 1] += 50.0
+    readings = Readings(record.readings.step, values, record.readings.target)
+    spoilt = replace(record, readings=readings)
+    gated = unscented("merwe", 1.0, 2.0, 0.0, "augmented", 0.9999)
+    found = estimate(gated, linear.MOTION, linear.SENSOR, spoilt)
+    assert found.notes["gated"].sum() == 1
+    assert found.notes["gated"][20, 1] == 1
+    assert found.nis_size[20, 1] == 0
+    without = values.copy()
+    without[:, 20, 1] = np.nan
+    missing = replace(record, readings=Readings(record.readings.step, without, record.readings.target))
+    expected = estimate(gated, linear.MOTION, linear.SENSOR, missing)
+    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-12)
 
 
 @pytest.mark.parametrize("noise", ["additive", "augmented"])

@@ -1,6 +1,6 @@
 import numpy as np
 
-from estlab.maths.linalg import block_diagonal, cholesky, mahalanobis2, sandwich, solve_lower
+from estlab.maths.linalg import block_diagonal, cholesky, sandwich, solve_lower
 
 
 def _matrices(n, batch, seed=0):
@@ -25,12 +25,6 @@ def test_a_member_that_is_not_positive_definite_becomes_nan_and_its_neighbours_g
 def test_forward_substitution_solves():
     factor, b = cholesky(_matrices(4, (6,))), np.random.default_rng(1).standard_normal((4, 3, 6))
     np.testing.assert_allclose(np.einsum("ik...,kj...->ij...", factor, solve_lower(factor, b)), b, atol=1e-12)
-
-
-def test_mahalanobis_distance_is_the_quadratic_form():
-    p, e = _matrices(3, (8,)), np.random.default_rng(2).standard_normal((3, 8))
-    expected = [e[:, i] @ np.linalg.inv(p[:, :, i]) @ e[:, i] for i in range(8)]
-    np.testing.assert_allclose(mahalanobis2(e, p), expected, rtol=1e-10)
 
 
 def test_sandwich_takes_a_constant_covariance_and_stays_symmetric():

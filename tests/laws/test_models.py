@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from estlab.maths.derivatives import jacobian
+from estlab.maths.derivatives import hessian, jacobian
 from estlab.maths.space import Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, lidar, unicycle, vehicle
@@ -149,6 +149,24 @@ def test_a_frame_without_a_point_is_not_measured():
 def test_a_reading_puts_its_landmark_where_it_is():
     pose, mark = np.array([1.0, -2.0, 2.5]), np.array([4.0, 3.0])
     np.testing.assert_allclose(landmarks.seen_at(pose, np.stack(landmarks.range_bearing(pose, mark))), mark, atol=1e-12)
+
+
+def test_second_differences_are_the_second_derivatives():
+    def bent(x):
+        return np.stack([x[0] ** 2 * x[1] + np.sin(x[2]), np.exp(0.3 * x[0]) * x[1] * x[2]])
+
+    at = np.array([[1.2, -3.0], [0.7, 40.0], [-0.4, 2.0]])
+    x, y, z = at
+    e = np.exp(0.3 * x)
+    zero = np.zeros(2)
+    exact = np.array(
+        [
+            [[2 * y, 2 * x, zero], [2 * x, zero, zero], [zero, zero, -np.sin(z)]],
+            [[0.09 * e * y * z, 0.3 * e * z, 0.3 * e * y], [0.3 * e * z, zero, e], [0.3 * e * y, e, zero]],
+        ]
+    )
+    found = hessian(bent, at, Space(("a", "b"), ("", "")))
+    np.testing.assert_allclose(found, exact, atol=2e-4 * np.abs(exact).max())
 
 
 def test_differences_respect_the_cut():

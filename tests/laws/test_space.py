@@ -33,12 +33,11 @@ def test_mean_of_headings_turns_with_them(turn, points):
     np.testing.assert_allclose(POSE.minus(turned, POSE.mean(points, weights) + shift[:, 0]), 0.0, atol=1e-9)
 
 
-def test_mean_with_negative_weight_and_wide_spread_is_not_turned_round():
-    # Sigma points of a heading of standard deviation 90 degrees: the arctangent of weighted sines gives pi here.
-    spread = np.radians(90.0) * np.sqrt(1.5)
-    points = np.array([[0.0, 0.0, 0.0], [3.0, 3.0 + spread, 3.0 - spread]])
-    np.testing.assert_allclose(POSE.mean(points, np.array([1 / 3, 1 / 3, 1 / 3])), [0.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(POSE.mean(points, np.array([-1.0, 1.0, 1.0])), [0.0, 3.0], atol=1e-12)
+@given(vectors)
+def test_wrapping_changes_angles_by_whole_turns_and_nothing_else(a):
+    turns = (POSE.wrapped(a) - a) / (2 * np.pi)
+    np.testing.assert_array_equal(turns[0], 0.0)
+    np.testing.assert_allclose(turns[1], np.rint(turns[1]), atol=1e-12)
 
 
 def test_repeated_space_keeps_its_angles():
