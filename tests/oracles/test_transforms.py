@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.sigma_points import Cubature, Scaled
+from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Space
-from estlab.maths.transforms import Function, Linearised
+from estlab.maths.transforms import Function, Linearised, SecondOrder
 
 PLANE = Space(("x", "y"), ("m", "m"))
 POLAR = Function(lambda p: np.stack([p[0] * np.cos(p[1]), p[0] * np.sin(p[1])]), PLANE)
@@ -36,6 +36,40 @@ def test_a_linear_function_is_transformed_exactly(transform):
     np.testing.assert_allclose(mean, a @ belief.mean, atol=1e-9)
     np.testing.assert_allclose(cov, a @ p @ a.T, atol=1e-8)
     np.testing.assert_allclose(cross, p @ a.T, atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+@pytest.mark.parametrize("points", [Simplex(), Cubature(), Scaled(0.3, 2.0, 1.0), Julier(0.5), GaussHermite(3)])
+def test_a_set_of_points_has_the_mean_and_covariance_it_stands_for(points, n):
+    a = np.random.default_rng(n).standard_normal((n, n))
+    factor = np.linalg.cholesky(a @ a.T + np.eye(n))
+    offsets, weights = points.offsets(factor), points.weights(n)
+    np.testing.assert_allclose(offsets @ weights, 0.0, atol=1e-12)
+    np.testing.assert_allclose((weights * offsets) @ offsets.T, factor @ factor.T, atol=1e-10)
+
+
+def test_gauss_hermite_moments_of_polynomials_are_exact():
+    """E[(x^2, x^2 y)] for a Gaussian, by Isserlis, to the degree that order 4 promises."""
+    p = np.array([[1.5, 0.4], [0.4, 0.8]])
+    mx, my = 0.7, -1.1
+    bent = Function(lambda v: np.stack([v[0] ** 2, v[0] ** 2 * v[1]]), PLANE)
+    mean, cov, cross = GaussHermite(4)(bent, Gaussian(np.array([mx, my]), p))
+    np.testing.assert_allclose(mean, [mx**2 + 1.5, my * (mx**2 + 1.5) + 2 * mx * 0.4], rtol=1e-12)
+    np.testing.assert_allclose(cov[0, 0], 2 * 1.5**2 + 4 * mx**2 * 1.5, rtol=1e-12)
+    np.testing.assert_allclose(cross[:, 0], [2 * mx * 1.5, 2 * mx * 0.4], rtol=1e-12)
+
+
+def test_second_order_moments_of_a_quadratic_are_exact():
+    p = np.array([[1.5, 0.4], [0.4, 0.8]])
+    bent = Function(lambda v: np.stack([v[0] ** 2, v[0] * v[1]]), PLANE)
+    belief = Gaussian(np.array([0.7, -1.1]), p)
+    exact = GaussHermite(5)(bent, belief)
+    found = SecondOrder("gaussian")(bent, belief)
+    for a, b in zip(found, exact, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+    modified = SecondOrder("modified")(bent, belief)
+    np.testing.assert_allclose(modified.mean, exact.mean, atol=1e-6)
+    np.testing.assert_allclose(modified.cov, Linearised()(bent, belief).cov, rtol=1e-12)
 
 
 def test_cubature_moments_are_the_weighted_sums_as_printed():
