@@ -151,7 +151,7 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     axes.set_xlim(left - margin, right + margin)
     axes.set_ylim(low - margin, top + margin)
     figure.set_size_inches(_WIDTH, 1.6 + _WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
     axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)

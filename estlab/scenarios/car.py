@@ -20,6 +20,7 @@ from estlab.scenarios.contract import History, Scales, Scenario, check_positive,
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SPEED, HEADING, LENGTH, WIDTH = 2, 3, 4, 5
 
@@ -131,15 +132,36 @@ class Car(Scenario):
         axes.plot(*nearest, ".", color="0.6", ms=3, label="smallest range, middle bearing")
         axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
         shown = np.arange(0, history.time.size, max(1, history.time.size // 14))
-        for states, colour in ((history.truth, "black"), (history.mean, "C0")):
-            outline = vehicle.corners(states[:, shown])
-            closed = np.concatenate([outline, outline[:, :1]], axis=1)
-            axes.plot(closed[0], closed[1], color=colour, lw=0.9)
+        _draw_rectangles(axes, history.truth[:, shown], "black")
+        _draw_rectangles(axes, history.mean[:, shown], "C0")
+
+    def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
+        """The passing seen close: rectangles every half second within 30 m of the LIDAR."""
+        from matplotlib.figure import Figure
+
+        history = next(iter(histories.values()))
+        every = max(1, round(0.5 / self.dt))
+        near = np.flatnonzero(np.hypot(*history.truth[:2]) < 30.0)[::every]
+        if near.size == 0:
+            return {}
+        figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
+        _draw_rectangles(axes, history.truth[:, near], "black", "the car, every half second")
+        for i, (name, found) in enumerate(histories.items()):
+            _draw_rectangles(axes, found.mean[:, near], f"C{i}", f"as estimated by {name}")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
+        axes.grid(alpha=0.3)
+        axes.set_title("run 0 within 30 m of the LIDAR")
+        figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+        return {"passing.png": figure}
 
     def _drive(self, streams: Streams, runs: Sequence[int], time: Array, scale: float) -> tuple[Array, Array]:
         """The state at -dt (6, runs) and at each time (6, T, runs)."""
         start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
-        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([3.0, 1.5, 1.5, 0.05, 0.8, 0.25])
+        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
         begin = nominal[:, None] + spread[:, None] * start
         rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
         if self.truth == "model":
@@ -198,6 +220,13 @@ class Car(Scenario):
         readings = Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int))
         control = np.empty((0, time.size, 1))
         return Record(float(time[0]) - self.dt, time, truth, control, readings, prior, files, raw=raw)
+
+
+def _draw_rectangles(axes: "Axes", states: Array, colour: str, label: str | None = None) -> None:
+    outline = vehicle.corners(states)
+    closed = np.concatenate([outline, outline[:, :1]], axis=1)
+    axes.plot(closed[0], closed[1], color=colour, lw=0.9)
+    axes.plot([], [], color=colour, lw=0.9, label=label)
 
 
 def _frame(path: Path, index: int, points: Array) -> Array:

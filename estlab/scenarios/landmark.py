@@ -34,6 +34,8 @@ _TOUR = np.array(
     [[0.5, -3.6], [3.9, -3.4], [4.7, -0.4], [4.6, 3.4], [2.3, 3.5], [2.4, 0.1], [0.2, 0.5], [0.3, 3.2], [-0.4, -1.6]]
 ).T
 _ARRIVED = 0.4  # [m] from a corner of the tour
+# The sample commands of document 003, each held for a second: v [m/s], w [rad/s].
+_COMMANDS = np.array([[0.5, 0.0], [0.0, -0.5 / np.pi], [0.5, 0.0], [0.0, 0.5 / np.pi], [0.5, 0.0]]).T
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Landmark(Scenario):
     field_of_view: float
     dropped: float
     speed: float
+    drive: Literal["tour", "commands"]
     process_sd: list[float]
     measurement_sd: list[float]
     initial_sd: list[float]
@@ -96,7 +99,8 @@ class Landmark(Scenario):
         )
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
-        steps = round(self.duration / self.dt)
+        duration = self.duration if self.drive == "tour" else min(self.duration, float(_COMMANDS.shape[1]))
+        steps = round(duration / self.dt)
         time = self.dt * np.arange(1, steps + 1)
         begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
@@ -167,7 +171,10 @@ class Landmark(Scenario):
         for k in range(steps):
             dx, dy = _TOUR[:, goal] - pose[:2]
             turn = wrap(np.arctan2(dy, dx) - pose[2])
-            command = np.stack([self.speed * np.maximum(np.cos(turn), 0.2), np.clip(2.0 * turn, -1.0, 1.0)])
+            if self.drive == "tour":
+                command = np.stack([self.speed * np.maximum(np.cos(turn), 0.2), np.clip(2.0 * turn, -1.0, 1.0)])
+            else:
+                command = np.repeat(_COMMANDS[:, [int((k + 0.5) * self.dt)]], len(runs), axis=1)
             sds = np.sqrt(np.diag(motion.noise_cov(command, self.dt)))
             pose = motion.space.plus(motion.step(pose, command, sds[:, None] * blur[k], self.dt), np.zeros(1))
             truth[:, k], control[:, k] = pose, command
