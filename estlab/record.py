@@ -36,6 +36,7 @@ class Record:
     a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read. remarks: what a reader of the results must know.
     places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
     shown: further arrays for a problem's own pictures, kept in the run directory.
+    sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the shown.
     """
 
     start: float
@@ -49,6 +50,7 @@ class Record:
     places: Array = field(default_factory=lambda: np.empty((0, 1)))
     raw: dict[str, Array] = field(default_factory=dict)
     shown: dict[str, Array] = field(default_factory=dict)
+    sums: dict[str, Array] = field(default_factory=dict)
 
     @property
     def runs(self) -> int:

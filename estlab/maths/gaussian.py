@@ -35,3 +35,10 @@ def draw(space: Space, belief: Gaussian, standard_normal: Array) -> Array:
     """x = A z + b with A A' = P: Gaussian vectors from standard normal ones (n, *batch). Document 000, problem I."""
     factor = cholesky(belief.cov)
     return space.plus(belief.mean, np.einsum("ik...,k...->i...", factor, standard_normal))
+
+
+def ellipses(mean: Array, cov: Array, sigmas: float = 3.0) -> Array:
+    """Outlines (2, 60, N) of the covariance ellipses of means (2, N) and covariances (2, 2, N)."""
+    around = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = sigmas * np.stack([np.cos(around), np.sin(around)])
+    return np.asarray(mean[:, None] + np.einsum("ikn,kp->ipn", cholesky(cov), circle))
