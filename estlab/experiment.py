@@ -139,7 +139,7 @@ def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter]) -> E
     with terminal.progress(ticks, f"{names.scenario} {' '.join(filters)}") as tick:
         for block in blocks:
             record = first if block is blocks[0] else _record(settings, names, block)
-            ensemble.sums |= {name: ensemble.sums.get(name, 0.0) + array for name, array in record.sums.items()}
+            ensemble.sums |= {name: ensemble.sums.get(name, 0) + array for name, array in record.sums.items()}
             for name, loop in loops.items():
                 draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
                 found = {}
