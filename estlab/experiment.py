@@ -37,11 +37,15 @@ class Names:
 
 @dataclass
 class Ensemble:
-    """All runs of all filters: what was there; a tally and the histories kept for each set of estimates, by name."""
+    """All runs of all filters: a tally and the histories kept for each set of estimates, by name.
+
+    record: of the first block. sums: those of the records of all blocks together.
+    """
 
     record: Record
     tallies: dict[str, Tally]
     kept: dict[str, dict[str, Array]]
+    sums: dict[str, Array]
 
 
 def check(settings: Settings, names: Names) -> None:
@@ -135,11 +139,12 @@ def _ensemble(settings: Settings, names: Names, filters: dict[str, Filter], dire
     first = _record(settings, names, blocks[0])
     directory.describe(data=rundir.hashes(first.files))
     loops = {name: _loop(settings, filter, first.places) for name, filter in filters.items()}
-    ensemble = Ensemble(first, {}, {})
+    ensemble = Ensemble(first, {}, {}, {})
     ticks = len(blocks) * first.time.size * len(filters)
     with terminal.progress(ticks, f"{names.scenario} {' '.join(filters)}") as tick:
         for block in blocks:
             record = first if block is blocks[0] else _record(settings, names, block)
+            ensemble.sums |= {name: ensemble.sums.get(name, 0) + array for name, array in record.sums.items()}
             for name, loop in loops.items():
                 draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
                 found = {}
@@ -202,7 +207,7 @@ def _histories(ensemble: Ensemble) -> dict[str, Array]:
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
         arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
-    return arrays | {f"shown.{name}": array for name, array in record.shown.items()}
+    return arrays | {f"shown.{name}": array for name, array in (record.shown | ensemble.sums).items()}
 
 
 def _history(arrays: dict[str, Array], name: str, filters: int) -> History:

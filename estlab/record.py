@@ -38,6 +38,7 @@ class Record:
     places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
     shown: further arrays for a problem's own pictures, kept in the run directory.
     repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
+    sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the shown.
     """
 
     start: float
@@ -52,6 +53,7 @@ class Record:
     raw: dict[str, Array] = field(default_factory=dict)
     shown: dict[str, Array] = field(default_factory=dict)
     repeated: bool = False
+    sums: dict[str, Array] = field(default_factory=dict)
 
     @property
     def runs(self) -> int:

@@ -50,3 +50,10 @@ def placed(whole: Array, runs: Array, part: Array) -> Array:
     copy = whole.copy()
     copy[..., runs] = part
     return copy
+
+
+def ellipses(mean: Array, cov: Array, sigmas: float = 3.0) -> Array:
+    """Outlines (2, 60, N) of the covariance ellipses of means (2, N) and covariances (2, 2, N)."""
+    around = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = sigmas * np.stack([np.cos(around), np.sin(around)])
+    return np.asarray(mean[:, None] + np.einsum("ikn,kp->ipn", cholesky(cov), circle))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab import rundir
+from estlab.maths.gaussian import ellipses
 from estlab.maths.space import Array, Space
 
 if TYPE_CHECKING:
@@ -158,15 +159,6 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     figure.suptitle(f"{title} · run 0")
     _legend_below(figure, axes, columns=3)
     return figure
-
-
-def ellipses(mean: Array, cov: Array, sigmas: float = 3.0) -> Array:
-    """Outlines (2, 60, N) of the covariance ellipses of means (2, N) and covariances (2, 2, N)."""
-    from estlab.maths.linalg import cholesky
-
-    around = np.linspace(0.0, 2.0 * np.pi, 60)
-    circle = sigmas * np.stack([np.cos(around), np.sin(around)])
-    return np.asarray(mean[:, None] + np.einsum("ikn,kp->ipn", cholesky(cov), circle))
 
 
 def _figure(rows: int, title: str, height: float) -> tuple["Figure", list["Axes"]]:

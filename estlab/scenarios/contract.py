@@ -36,7 +36,7 @@ class History:
     """One run as it is drawn: all that a problem's own pictures may use.
 
     time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
-    places: (p, L). shown: the record's further arrays.
+    places: (p, L). shown: the record's further arrays, and its sums over all runs.
     """
 
     time: Array

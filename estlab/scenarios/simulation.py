@@ -4,12 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.linalg import cholesky, matvec
-from estlab.maths.space import Array
+from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
-from estlab.models.contract import Motion, Sensor
+from estlab.models.contract import Components, Motion, Sensor
 from estlab.record import Readings, Record
+from estlab.scenarios.contract import Scales
 
 
 def drawn(
@@ -44,3 +46,36 @@ def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, p
     blur = streams.normals("readings", runs, (sensor.space.size, states.shape[1]))
     noise = np.einsum("ij,jnr->inr", cholesky(sensor.noise_cov), blur)
     return sensor.space.plus(sensor.read(states, place), noise)
+
+
+def sent(streams: Streams, runs: Sequence[int], motion: Motion, prior: Gaussian) -> Record:
+    """A record of one step without readings: each run's truth is drawn from the prior, which all share, and moved once.
+
+    prior: mean (n, 1) and cov (n, n).
+    """
+    z = streams.normals("truth", runs, prior.mean.shape[:1])
+    start = prior.mean + matvec(cholesky(prior.cov), z)
+    control, count = np.empty((0, 1, 1)), len(runs)
+    truth = motion.step(start, control[:, 0], np.zeros(motion.noise_size), 1.0)[:, None]
+    nothing = Readings(np.empty(0, dtype=int), np.empty((0, 0, count)), np.empty((0, count), dtype=int))
+    return Record(0.0, np.ones(1), truth, control, nothing, prior)
+
+
+def blind(state: Space) -> Sensor:
+    """The sensor of a problem without readings: it measures nothing."""
+    return Sensor(Space((), ()), state, _nothing, np.empty((0, 0)), np.empty((0, 1)))
+
+
+def no_cov(control: Array, dt: float) -> Array:
+    """The covariance (0, 0) of no process noise."""
+    return np.empty((0, 0))
+
+
+def refuse_scales(noise: Scales, instead: str) -> None:
+    """Raise UserError unless the scales are 1: a problem without process noise and readings has nothing to scale."""
+    if (noise.process_scale, noise.measurement_scale) != (1.0, 1.0):
+        raise UserError(f"this scenario has neither process nor measurement noise, leave noise as it is; {instead}")
+
+
+def _nothing(state: Array, place: Array) -> Components:
+    return ()

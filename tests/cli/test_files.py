@@ -13,6 +13,7 @@ LAYOUT = {
     "landmark": {"Odometry.dat", "Measurement.dat", "Groundtruth.dat", "Landmark_Groundtruth.dat", "Barcodes.dat"},
     "car": {"problem3data.mat", "problem3truth.mat"},
 }
+WITHOUT_FILES = ["generator", "radar"]
 SAME_PRIOR = {"landmark": "scenario.initial=truth", "car": "scenario.initial=document"}
 
 
@@ -34,6 +35,8 @@ def run(scenario: str, *more: str) -> int:
 
 @pytest.mark.parametrize("scenario", options("scenario"))
 def test_the_same_run_from_memory_and_from_file_gives_identical_estimates(scenario, capsys):
+    if scenario in WITHOUT_FILES:
+        pytest.skip("its problem has no files")
     made = simulate(scenario)
     assert {path.name for path in made.iterdir()} == LAYOUT[scenario]
     assert len(capsys.readouterr().out.splitlines()) == len(LAYOUT[scenario])
@@ -44,6 +47,15 @@ def test_the_same_run_from_memory_and_from_file_gives_identical_estimates(scenar
     one, other = (dict(np.load(f"{folder}/estimates.npz")) for folder in ("from_file", "from_memory"))
     for name in ("time", "truth", "values", "mean", "cov"):
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.mark.parametrize("scenario", WITHOUT_FILES)
+def test_a_scenario_without_files_says_so_in_one_line(scenario, capsys):
+    assert main(["simulate", f"scenario={scenario}", "data.path=made"]) == 2
+    assert capsys.readouterr().err == f"estlab: {scenario.title()} has no file layout to write\n"
+    Path("made").mkdir(exist_ok=True)
+    assert run(scenario) == 2
+    assert capsys.readouterr().err == f"estlab: {scenario.title()} reads no files; run it with data=simulated\n"
 
 
 def test_the_files_read_are_on_record_with_their_hashes():
