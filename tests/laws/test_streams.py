@@ -28,7 +28,7 @@ def test_run_k_of_a_scenario_can_be_made_again_alone(scenario):
     make = experiment.scenario.simulate
     together, alone = (make(Streams(3, scenario), runs, experiment.noise.truth) for runs in (range(4), [2]))
     np.testing.assert_array_equal(together.truth[:, :, 2], alone.truth[:, :, 0])
-    np.testing.assert_array_equal(together.prior.mean[:, 2], alone.prior.mean[:, 0])
+    np.testing.assert_array_equal(together.prior.fitted().mean[:, 2], alone.prior.fitted().mean[:, 0])
 
     def taken(record, run):
         seen = np.isfinite(record.readings.values[0, :, run])
