@@ -43,7 +43,7 @@ def read_vectors(path: Path, name: str | None, field: str, components: Sequence[
 
 
 def read_times(path: Path, beside: str, otherwise: Array) -> Array:
-    """The field t [s] of each element of the struct array with the field ``beside``; ``otherwise`` where it has none."""
+    """The field t [s] of each element of the struct array with the field ``beside``, or ``otherwise`` without it."""
     elements = read_struct(path, beside)
     if "t" not in elements[0]:
         return otherwise
