@@ -121,8 +121,8 @@ class Car(Scenario):
         frames = [{"z": points[:, a:b].T, "t": t} for a, b, t in zip(edges, edges[1:], record.time, strict=False)]
         states = [{"x": x, "t": t} for x, t in zip(record.truth[:, :, 0].T[:, :, None], record.time, strict=True)]
         return [
-            matlab.write_struct(folder / f"{prefix}problem3data.mat", "lidar", frames),
-            matlab.write_struct(folder / f"{prefix}problem3truth.mat", "car", states),
+            matlab.write(folder / f"{prefix}problem3data.mat", {"lidar": frames}),
+            matlab.write(folder / f"{prefix}problem3truth.mat", {"car": states}),
         ]
 
     def draw(self, axes: "Axes", history: History) -> None:

@@ -19,7 +19,7 @@ def _pick(record, run):
     one = slice(run, run + 1)
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, one]
     readings = Readings(record.readings.step, record.readings.values[:, :, one], record.readings.target[:, one])
-    prior = Gaussian(record.prior.mean[:, one], record.prior.cov) if record.each_its_own else record.prior
+    prior = record.prior.of(np.array([run])) if record.each_its_own else record.prior
     return replace(record, truth=record.truth[:, :, one], control=control, readings=readings, prior=prior)
 
 
@@ -38,6 +38,21 @@ def test_runs_in_a_batch_do_not_see_each_other(scenario, name):
         np.testing.assert_allclose(together.mean[:, :, run], alone.mean[:, :, 0], rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(together.cov[..., run], alone.cov[..., 0], rtol=1e-5, atol=1e-5)
         np.testing.assert_array_equal(together.nis_size[:, run], alone.nis_size[:, 0])
+
+
+def test_runs_that_begin_again_from_the_prior_do_not_draw_for_their_neighbours():
+    filter = ["filter=pf", "filter.particles=40", "filter.injection=0.2", "filter.recovery=redraw"]
+    experiment = settings("scenario=sonar", *filter)
+    problem, noise = experiment.scenario, experiment.noise.filter
+    record = problem.simulate(Streams(2, "sonar"), range(5), noise).first(40)
+    # Out of all bounds in two runs, so that every weight vanishes there and nowhere else.
+    record.readings.values[:, 12, [1, 3]] = np.inf
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    together = estimate(experiment.filter, motion, sensor, record)
+    np.testing.assert_array_equal(together.notes["vanished"][12], [0, 1, 0, 1, 0])
+    for run in (0, 3):
+        alone = estimate(experiment.filter, motion, sensor, _pick(record, run), numbers=[run])
+        np.testing.assert_allclose(together.mean[:, :, run], alone.mean[:, :, 0], rtol=1e-9, atol=1e-9)
 
 
 def test_a_run_that_breaks_becomes_nan_and_its_neighbours_are_untouched():

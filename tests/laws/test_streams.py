@@ -29,7 +29,7 @@ def test_run_k_of_a_scenario_can_be_made_again_alone(scenario):
     together, alone = (make(Streams(3, scenario), runs, experiment.noise.truth) for runs in (range(4), [2]))
     np.testing.assert_array_equal(together.truth[:, :, 2], alone.truth[:, :, 0])
     own = 2 if together.each_its_own else 0  # one prior may stand for all runs
-    np.testing.assert_array_equal(together.prior.mean[:, own], alone.prior.mean[:, 0])
+    np.testing.assert_array_equal(together.prior.fitted().mean[:, own], alone.prior.fitted().mean[:, 0])
 
     def taken(record, run):
         seen = np.isfinite(record.readings.values[:1, :, run]).any(axis=0)

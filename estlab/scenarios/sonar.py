@@ -1,0 +1,221 @@
+"""A kidnapped robot that hears how far the nearest beacons are. Seed document 000, problem IV."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estlab.datasets import matlab
+from estlab.errors import UserError
+from estlab.maths.space import TURN, Array, Space, wrap
+from estlab.maths.streams import Streams
+from estlab.maths.uniform import Uniform
+from estlab.models import sonar
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+from estlab.scenarios import simulation
+from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_GOALS = 64  # places that a simulated robot heads for, one after another, then again from the first
+_ARRIVED = 1.0  # [m] from such a place
+_BOUNDS = ("minx", "maxx", "miny", "maxy")
+
+
+@dataclass(frozen=True)
+class Sonar(Scenario):
+    """A robot that knows the map and the beacons but not where it is; simulated, or the document's two files."""
+
+    dt: float
+    duration: float
+    speed: float
+    turn_rate: float
+    bounds: list[float]
+    margin: float
+    beacons: list[list[float]]
+    process_sd: list[float]
+    measurement_sd: list[float]
+    found_radius: float
+
+    def __post_init__(self) -> None:
+        check_positive(dt=self.dt, duration=self.duration, speed=self.speed, turn_rate=self.turn_rate)
+        check_positive(found_radius=self.found_radius)
+        check_sds("process_sd", self.process_sd, 2)
+        check_sds("measurement_sd", self.measurement_sd, sonar.HEARD)
+        if self.duration < self.dt:
+            raise ValueError(f"duration must be at least one step of dt={self.dt:g}, got {self.duration:g}")
+        if len(self.bounds) != 4 or not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
+            raise ValueError(f"bounds must be minx < maxx, miny < maxy, got {self.bounds}")
+        narrow = min(self.bounds[1] - self.bounds[0], self.bounds[3] - self.bounds[2])
+        if not 0.0 <= self.margin < 0.5 * narrow:
+            raise ValueError(f"margin must be >= 0 and below half of the map's width {narrow:g}, got {self.margin:g}")
+        if len(self.beacons) < sonar.HEARD:
+            raise ValueError(f"beacons must be {sonar.HEARD} or more, one [x, y] each, got {len(self.beacons)}")
+        for i, beacon in enumerate(self.beacons):
+            if len(beacon) != 2:
+                raise ValueError(f"beacons[{i}] must be two numbers [x, y], got {len(beacon)}")
+
+    @property
+    def space(self) -> Space:
+        return sonar.SPACE
+
+    @property
+    def found_within(self) -> float:
+        return self.found_radius
+
+    def motion(self, noise: Scales) -> Motion:
+        cov = noise.process_scale**2 * diagonal_cov(self.process_sd)
+        return Motion(sonar.SPACE, sonar.turn_and_move, lambda control, dt: cov, 2, sonar.turn_and_move_jacobians)
+
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        # A reading does not say which beacons it heard, so it is about all of them and about no single place.
+        cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
+        return Sensor(
+            sonar.READING,
+            sonar.SPACE,
+            lambda pose, place: sonar.nearest_ranges(pose, places),
+            cov,
+            places,
+            lambda pose, place: sonar.nearest_ranges_slope(pose, places),
+        )
+
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        time = self.dt * np.arange(1, round(self.duration / self.dt) + 1)
+        truth, moved = self._wander(streams, runs, time.size)
+        sds = noise.process_scale * np.asarray(self.process_sd)
+        encoder = moved + sds[:, None, None] * streams.normals("encoder", runs, moved.shape[:2])
+        beacons = np.array(self.beacons, dtype=float).T
+        values = simulation.read(streams, runs, self.sensor(noise, beacons), truth, np.empty((0, 1)))
+        return self._record(time, truth, encoder, values, beacons, np.array(self.bounds, dtype=float))
+
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        data, states = folder / f"{prefix}problem4data.mat", folder / f"{prefix}problem4truth.mat"
+        encoder = matlab.read_vectors(data, "encoder", "u", ("ds", "dth"))
+        values = matlab.read_vectors(data, "sonar", "z", sonar.READING.names)
+        truth = matlab.read_vectors(states, None, "x", sonar.SPACE.names)
+        for count, what in ((values.shape[1], f"{data}: sonar"), (truth.shape[1], f"{states}: x")):
+            if count != encoder.shape[1]:
+                raise UserError(f"{what} has {count} elements, encoder has {encoder.shape[1]}; they must be as many")
+        beacons = matlab.read_array(data, "beacons")
+        if beacons.ndim != 2 or beacons.shape[0] < sonar.HEARD or beacons.shape[1] != 2:
+            raise UserError(f"{data}: beacons must be {sonar.HEARD} or more rows x y; it is {beacons.shape}")
+        bounds = np.array([_number(data, name) for name in _BOUNDS])
+        if not (bounds[0] < bounds[1] and bounds[2] < bounds[3]):
+            raise UserError(f"{data}: minx {bounds[0]:g} must be below maxx {bounds[1]:g}, miny {bounds[2]:g} below "
+                            f"maxy {bounds[3]:g}")  # fmt: skip
+        time = matlab.read_times(states, "x", self.dt * np.arange(1, encoder.shape[1] + 1))
+        every = len(runs)
+        return self._record(
+            time,
+            np.repeat(truth[:, :, None], every, axis=2),
+            encoder[:, :, None],
+            np.repeat(values[:, :, None], every, axis=2),
+            beacons.T,
+            bounds,
+            files=(data, states),
+        )
+
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        bounds = dict(zip(_BOUNDS, record.shown["bounds"], strict=True))
+        encoder = [{"u": u[:, None], "t": t} for u, t in zip(record.control[:, :, 0].T, record.time, strict=True)]
+        heard = [{"z": z[:, None], "t": t} for z, t in zip(record.readings.values[:, :, 0].T, record.time, strict=True)]
+        robot = [{"x": x[:, None], "t": t} for x, t in zip(record.truth[:, :, 0].T, record.time, strict=True)]
+        return [
+            matlab.write(
+                folder / f"{prefix}problem4data.mat",
+                {"encoder": encoder, "sonar": heard, "beacons": record.places.T, **bounds},
+            ),
+            matlab.write(folder / f"{prefix}problem4truth.mat", {"robot": robot}),
+        ]
+
+    def draw(self, axes: "Axes", history: History) -> None:
+        low_x, high_x, low_y, high_y = history.shown["bounds"]
+        axes.plot([low_x, high_x, high_x, low_x, low_x], [low_y, low_y, high_y, high_y, low_y], color="0.6", lw=1.0)
+        axes.plot(*history.places, "k^", ms=8, label="beacons")
+
+    def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
+        """How well each place fits the sonar at three times: what a particle is weighed by."""
+        from matplotlib.figure import Figure
+
+        history = next(iter(histories.values()))
+        low_x, high_x, low_y, high_y = history.shown["bounds"]
+        x, y = np.meshgrid(np.linspace(low_x, high_x, 151), np.linspace(low_y, high_y, 151))
+        sensor = self.sensor(Scales(1.0, 1.0), history.places)
+        expected = sensor.read(np.stack([x, y, np.zeros_like(x)]), np.empty((0, 1)))
+        sds = np.asarray(self.measurement_sd)[:, None, None]
+        figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+        shown = np.unique(np.linspace(0, history.step.size - 1, len(panels)).astype(int))
+        for axes, k in zip(panels, shown, strict=False):
+            fit = np.exp(-0.5 * (((history.values[:, k, None, None] - expected) / sds) ** 2).sum(axis=0))
+            step = history.step[k]
+            axes.pcolormesh(x, y, fit, cmap="Greys", vmin=0.0, shading="nearest", rasterized=True)
+            axes.plot(*history.places, "k^", ms=6, mfc="white", label="beacons")
+            axes.plot(*history.truth[:2, step], "o", color="C3", ms=7, mfc="none", mew=2, label="robot")
+            for i, (name, one) in enumerate(histories.items()):
+                # C3 is the robot's, as it is the bands' in the other pictures.
+                colour = f"C{i + (i > 2)}"
+                axes.plot(*one.mean[:2, step], "x", color=colour, ms=7, mew=2, label=f"{name}, mean")
+            axes.set(title=f"{history.time[step]:.1f} s", aspect="equal", xlabel="x [m]")
+            axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
+        panels[0].set_ylabel("y [m]")
+        figure.suptitle("likelihood of the one sonar reading over the map · run 0")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
+        return {"likelihood.png": figure}
+
+    def _wander(self, streams: Streams, runs: Sequence[int], steps: int) -> tuple[Array, Array]:
+        """A robot on its way from place to place: truth (3, T, runs), and [ds dth] as it moved (2, T, runs)."""
+        low = np.array([self.bounds[0], self.bounds[2]]) + self.margin
+        width = np.array([self.bounds[1], self.bounds[3]]) - self.margin - low
+        begin = streams.uniforms("start", runs, (3,))
+        goals = low[:, None, None] + width[:, None, None] * streams.uniforms("goals", runs, (2, _GOALS))
+        pose = np.concatenate([low[:, None] + width[:, None] * begin[:2], TURN * begin[2:] - np.pi])
+        every, goal = np.arange(len(runs)), np.zeros(len(runs), dtype=int)
+        truth, moved = np.empty((3, steps, len(runs))), np.empty((2, steps, len(runs)))
+        most, still = self.turn_rate * self.dt, np.zeros(2)
+        for k in range(steps):
+            dx, dy = goals[:, goal, every] - pose[:2]
+            off = wrap(np.arctan2(dy, dx) - pose[2])
+            turn = np.clip(off, -most, most)
+            # Slower the farther off course, so that no place is circled for ever.
+            way = self.speed * self.dt * np.maximum(np.cos(off - turn), 0.1)
+            moved[:, k] = way, turn
+            pose = sonar.SPACE.plus(np.stack(sonar.turn_and_move(pose, moved[:, k], still, self.dt)), np.zeros(1))
+            truth[:, k] = pose
+            goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _GOALS, goal)
+        return truth, moved
+
+    def _record(
+        self,
+        time: Array,
+        truth: Array,
+        encoder: Array,
+        values: Array,
+        beacons: Array,
+        bounds: Array,
+        files: tuple[Path, ...] = (),
+    ) -> Record:
+        low, high = np.array([bounds[0], bounds[2], 0.0]), np.array([bounds[1], bounds[3], TURN])
+        return Record(
+            float(time[0]) - self.dt,
+            time,
+            truth,
+            encoder,
+            Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int)),
+            Uniform(low, high, values.shape[2]),
+            files,
+            places=beacons,
+            shown={"bounds": bounds},
+        )
+
+
+def _number(path: Path, name: str) -> float:
+    value = matlab.read_array(path, name)
+    if value.size != 1:
+        raise UserError(f"{path}: {name} must be one number, a bound of the map [m]; it is {value.shape}")
+    return float(value.item())
