@@ -14,6 +14,9 @@ from estlab.record import Estimates, Record
 
 Columns = dict[str, Array]
 
+# On its way to NaN a run that diverges has errors too large to square and variances below zero: no warning's worth.
+_quietly = np.errstate(invalid="ignore", over="ignore", divide="ignore")
+
 
 @dataclass
 class Tally:
@@ -29,14 +32,14 @@ class Tally:
     sums: dict[str, Array] = field(default_factory=dict)
     per_run: dict[str, list[Array]] = field(default_factory=dict)
 
+    @_quietly
     def add(self, record: Record, estimates: Estimates) -> None:
         """Take in a block of runs."""
         error = self.space.minus(estimates.mean, record.truth)
         sigma = np.sqrt(estimates.cov[range(self.space.size), range(self.space.size)])
         scored = np.isfinite(error) & np.isfinite(sigma)
         inside = scored & (np.abs(error) <= 3.0 * sigma)
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            nees = mahalanobis2(error, estimates.cov)
+        nees = mahalanobis2(error, estimates.cov)
         whole = np.isfinite(nees)
         fitted = np.isfinite(estimates.nis)
         size = np.where(fitted, estimates.nis_size, 0)
@@ -91,6 +94,7 @@ class Tally:
         """(runs,) which runs diverged."""
         return self._runs("diverged")
 
+    @_quietly
     def errors(self, first: tuple[Array, Array, Array]) -> Columns:
         """One row per time and component: a run's truth (n, T), mean (n, T) and cov (n, n, T), and the ensemble."""
         truth, mean, cov = first
@@ -155,6 +159,7 @@ class Tally:
             "mean": np.concatenate(list(found.values())) if found else np.empty(0),
         }
 
+    @_quietly
     def metrics(self) -> list[dict[str, object]]:
         """Tidy rows of metric, component, unit, value, ci_low, ci_high, n: means over runs with a 95 % interval."""
         rows: list[dict[str, object]] = []

@@ -106,7 +106,7 @@ def _table(title: str, headings: Sequence[str]) -> Table:
 
 def _print_consistency(out: Console, found: Mapping[tuple[str, str], Row]) -> None:
     for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
-        if (metric, "all") in found:
+        if _number(found.get((metric, "all"))):
             row = found[metric, "all"]
             interval = f", 95 % interval {_interval(row)}" if _interval(row) else ""
             out.print(f"{words} = {_number(row)}{interval} (1 when consistent)")
