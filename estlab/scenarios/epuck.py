@@ -233,7 +233,7 @@ def _closeness(history: History) -> tuple[float, ...]:
     alpha, _, _ = _until(history)
     off = np.hypot(*(history.mean[:2, history.step] - history.values))
     from_alpha, turn = wrap(history.mean[HEADING] - alpha[1:]), wrap(np.diff(history.mean[HEADING]))
-    largest = np.max(off, where=np.isfinite(off), initial=0.0)
+    largest = off[np.isfinite(off)].max() if np.isfinite(off).any() else np.nan
     return tuple(float(f"{value:.4g}") for value in (_rms(off), largest, _rms(from_alpha), _rms(turn)))
 
 
