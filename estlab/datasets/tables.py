@@ -1,4 +1,4 @@
-"""Tables of numbers in text files: columns in any white space, ``#`` begins a comment."""
+"""Tables of numbers in text files: columns in any white space or between delimiters, ``#`` begins a comment."""
 
 import math
 import warnings
@@ -11,8 +11,8 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> Array:
-    """The numbers in a file, (rows, columns).
+def read_table(path: Path, columns: tuple[str, ...], delimiter: str | None = None) -> Array:
+    """The numbers in a file, (rows, columns). delimiter: what stands between cells; None for white space.
 
     Raises UserError, naming file and line, where the file is missing or empty, a row has another number of cells,
     or a cell is not a finite number.
@@ -20,15 +20,15 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Array:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file is ours to report
-            table = np.loadtxt(path, ndmin=2, comments="#", encoding="utf-8")
+            table = np.loadtxt(path, ndmin=2, comments="#", delimiter=delimiter, encoding="utf-8")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:
-        raise UserError(_first_fault(path, columns)) from error
+        raise UserError(_first_fault(path, columns, delimiter)) from error
     if table.size == 0:
         raise UserError(f"{path}: no data rows; expected the columns {' '.join(columns)}")
     if table.shape[1] != len(columns) or not np.isfinite(table).all():
-        raise UserError(_first_fault(path, columns))
+        raise UserError(_first_fault(path, columns, delimiter))
     return np.asarray(table)
 
 
@@ -52,10 +52,10 @@ def line_of_row(path: Path, row: int) -> int:
     return 0
 
 
-def format_table(header: tuple[str, ...], rows: Array) -> str:
-    """Comment lines and tab-separated rows, every number written so that it reads back the same."""
+def format_table(header: tuple[str, ...], rows: Array, delimiter: str = "\t") -> str:
+    """Comment lines and delimited rows, every number written so that it reads back the same."""
     comments = "".join(f"# {line}\n" for line in header)
-    body = "".join("\t".join(_shortest(cell) for cell in row) + "\n" for row in rows.tolist())
+    body = "".join(delimiter.join(_shortest(cell) for cell in row) + "\n" for row in rows.tolist())
     return comments + body
 
 
@@ -63,17 +63,17 @@ def _shortest(value: float) -> str:
     return str(int(value)) if value.is_integer() and abs(value) < 1e6 else repr(value)
 
 
-def _data_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+def _data_lines(path: Path, delimiter: str | None = None) -> Iterator[tuple[int, list[str]]]:
     with open(path, encoding="utf-8", errors="replace") as stream:
         for number, line in enumerate(stream, start=1):
-            cells = line.split("#", 1)[0].split()
-            if cells:
-                yield number, cells
+            text = line.split("#", 1)[0].strip()
+            if text:
+                yield number, [cell.strip() for cell in text.split(delimiter)]
 
 
-def _first_fault(path: Path, columns: tuple[str, ...]) -> str:
+def _first_fault(path: Path, columns: tuple[str, ...], delimiter: str | None) -> str:
     expected = f"expected the {len(columns)} columns {' '.join(columns)}"
-    for number, cells in _data_lines(path):
+    for number, cells in _data_lines(path, delimiter):
         if len(cells) != len(columns):
             return f"{path}:{number}: {len(cells)} columns; {expected}"
         for name, cell in zip(columns, cells, strict=True):

@@ -27,10 +27,6 @@ class Gaussian(NamedTuple):
         """Itself: any prior can be asked for the Gaussian that stands for it."""
         return self
 
-    def of(self, runs: Array) -> "Gaussian":
-        """The belief of some of the runs, of a mean (n, runs) and a cov (n, n, runs) or (n, n) for all."""
-        return Gaussian(self.mean[:, runs], self.cov[..., runs] if self.cov.ndim > 2 else self.cov)
-
     def sample(self, draws: Draws, count: int) -> Array:
         """Points (n, count, *batch). Angles are not wrapped: the points spread about their mean."""
         z = draws.normals((self.mean.shape[0], count))

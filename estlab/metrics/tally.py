@@ -14,6 +14,9 @@ from estlab.record import Estimates, Record
 
 Columns = dict[str, Array]
 
+# On its way to NaN a run that diverges has errors too large to square and variances below zero: no warning's worth.
+_quietly = np.errstate(invalid="ignore", over="ignore", divide="ignore")
+
 
 @dataclass
 class Tally:
@@ -30,14 +33,14 @@ class Tally:
     sums: dict[str, Array] = field(default_factory=dict)
     per_run: dict[str, list[Array]] = field(default_factory=dict)
 
+    @_quietly
     def add(self, record: Record, estimates: Estimates) -> None:
         """Take in a block of runs."""
         error = self.space.minus(estimates.mean, record.truth)
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            sigma = np.sqrt(estimates.cov[range(self.space.size), range(self.space.size)])
-            factor = cholesky(estimates.cov)
-            whitened = solve_lower(factor, error[:, None])[:, 0]
-            nees = np.einsum("i...,i...->...", whitened, whitened)
+        sigma = np.sqrt(estimates.cov[range(self.space.size), range(self.space.size)])
+        factor = cholesky(estimates.cov)
+        whitened = solve_lower(factor, error[:, None])[:, 0]
+        nees = np.einsum("i...,i...->...", whitened, whitened)
         # Not finite, or not positive definite: such a belief is none.
         broken = ~(np.isfinite(factor[-1, -1]) & np.isfinite(estimates.mean).all(0))
         scored = np.isfinite(error) & np.isfinite(sigma)
@@ -98,6 +101,7 @@ class Tally:
         """(runs,) which runs diverged."""
         return self._runs("diverged")
 
+    @_quietly
     def errors(self, first: tuple[Array, Array, Array]) -> Columns:
         """One row per time and component: a run's truth (n, T), mean (n, T) and cov (n, n, T), and the ensemble."""
         truth, mean, cov = first
@@ -166,6 +170,7 @@ class Tally:
         """How many of the runs count for a band: repeats of one recording are worth one."""
         return np.minimum(runs, 1) if self.repeated else runs
 
+    @_quietly
     def metrics(self) -> list[dict[str, object]]:
         """Tidy rows of metric, component, unit, value, ci_low, ci_high, n: means over runs with a 95 % interval."""
         rows: list[dict[str, object]] = []

@@ -56,6 +56,7 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
     dense = errors["time"].nunique() > _DENSE
     by_filter = list(errors.groupby("filter", sort=False))
     alone = len(by_filter) == 1
+    held = errors[errors["filter"].isin(_held(errors))]
     for axes, name, unit in zip(panels, space.names, space.units, strict=True):
         for (filter, rows_of_filter), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
             rows = rows_of_filter[rows_of_filter["component"] == name]
@@ -66,10 +67,11 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
             axes.fill_between(rows["time"], rows["lower3"], rows["upper3"], color=band, alpha=alpha, lw=0, label=label)
             if not dense:
                 axes.plot(rows["time"], rows[["lower3", "upper3"]], color=band, lw=0.8, ls="-" if alone else ":")
-            axes.plot(rows["time"], rows["error"], color=colour, lw=0.7 if dense else 1.0, label=f"error, {of}")
+            what = "error" if errors["truth"].notna().any() else "truth not known"
+            axes.plot(rows["time"], rows["error"], color=colour, lw=0.7 if dense else 1.0, label=f"{what}, {of}")
             if alone and runs > 1:
                 axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {runs} runs")
-        _limit(axes, errors[errors["component"] == name])
+        _limit(axes, held[held["component"] == name])
         axes.set_ylabel(f"{name} [{unit}]")
     if not alone:
         panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
@@ -131,12 +133,16 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     figure = Figure(layout="constrained")
     axes = figure.add_subplot()
     draw(axes, filters[0])
-    axes.plot(*truth, color=_TRUTH, lw=1.6, label="truth")
+    if np.isfinite(truth).any():
+        axes.plot(*truth, color=_TRUTH, lw=1.6, label="truth")
     steps = np.unique(np.linspace(0, arrays["time"].size - 1, 15).astype(int))
+    # Truth and readings set the scale: neither a filter that diverges nor its uncertainty shall shrink the picture.
+    box = axes.dataLim.get_points().T
     for name, colour in zip(filters, _colours(len(filters)), strict=True):
         prefix = f"{name}." if len(filters) > 1 else ""
-        axes.plot(*arrays[f"{prefix}mean"][at, :, 0], color=colour, lw=1.1, label=name if prefix else "estimate")
-    # What is uncertain beyond the picture shall not shrink it.
+        path = arrays[f"{prefix}mean"][at, :, 0]
+        path = _within(path, box) if np.isfinite(box).all() else path
+        axes.plot(*path, color=colour, lw=1.1, label=name if prefix else "estimate")
     left, low, right, top = axes.dataLim.extents
     wide, high = axes.dataLim.size
     for name, colour in zip(filters, _colours(len(filters)), strict=True):
@@ -205,11 +211,23 @@ def _logarithmic(axes: "Axes", low: float, high: float) -> None:
 
 def _limit(axes: "Axes", rows: "DataFrame") -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel."""
-    settled = 1.25 * max(
-        float(np.nanquantile(rows["upper3"], 0.9)), float(np.nanquantile(rows["error"].abs(), 0.99)), 1e-12
-    )
+    wide, far = rows["upper3"].quantile(0.9), rows["error"].abs().quantile(0.99)  # NaN where there is none
+    settled = 1.25 * float(np.nanmax([wide, far, 1e-12]))
     if np.isfinite(settled):
         axes.set_ylim(-settled, settled)
+
+
+def _held(errors: "DataFrame") -> list[str]:
+    """The filters whose run 0 did not diverge, which alone say how large a panel is; all where each one did."""
+    sound = errors["estimate"].notna().groupby(errors["filter"]).all()
+    return list(sound.index[sound]) or list(sound.index)
+
+
+def _within(place: Array, box: Array) -> Array:
+    """A path (2, T) where it is in a box (2, 2), half as large again, of least and greatest; NaN elsewhere."""
+    low, high = box[:, :1], box[:, 1:]
+    room = 0.25 * (high - low).max()
+    return np.where(((place >= low - room) & (place <= high + room)).all(axis=0), place, np.nan)
 
 
 def _save(save: Save, name: str, figure: "Figure") -> None:

@@ -60,7 +60,7 @@ def summary(
     if own:
         table = _table("", list(own))
         for cells in zip(*own.values(), strict=True):
-            table.add_row(*(cell if isinstance(cell, str) else f"{cell:.10g}" for cell in cells))
+            table.add_row(*(cell if isinstance(cell, str) else _cell(cell) for cell in cells))
         out.print(table)
     for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
@@ -106,7 +106,7 @@ def _table(title: str, headings: Sequence[str]) -> Table:
 
 def _print_consistency(out: Console, found: Mapping[tuple[str, str], Row]) -> None:
     for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
-        if (metric, "all") in found:
+        if _number(found.get((metric, "all"))):
             row = found[metric, "all"]
             interval = f", 95 % interval {_interval(row)}" if _interval(row) else ""
             out.print(f"{words} = {_number(row)}{interval} (1 when consistent)")
@@ -122,6 +122,10 @@ def _print_consistency(out: Console, found: Mapping[tuple[str, str], Row]) -> No
         out.print(f"{found['gated', 'all']['value']:.0f} readings gated")
     diverged = found["diverged", "all"]
     out.print(f"{diverged['value']:.0f} of {diverged['n']} runs diverged")
+
+
+def _cell(value: float) -> str:
+    return "" if value != value else f"{value:.10g}"
 
 
 def _number(row: Mapping[str, Any] | None) -> str:

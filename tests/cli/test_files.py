@@ -13,8 +13,10 @@ LAYOUT = {
     "landmark": {"Odometry.dat", "Measurement.dat", "Groundtruth.dat", "Landmark_Groundtruth.dat", "Barcodes.dat"},
     "car": {"problem3data.mat", "problem3truth.mat"},
     "sonar": {"problem4data.mat", "problem4truth.mat"},
+    "epuck": {"XYData_cm.csv", "HeadingAngle_rad.csv"},
 }
 WITHOUT_FILES = ["generator", "radar"]
+WITHOUT_TRUTH = {"epuck"}
 # What makes the prior the same from memory and from file, where it is not so anyway.
 SAME_PRIOR = {"landmark": ["scenario.initial=truth"], "car": ["scenario.initial=document"]}
 
@@ -48,7 +50,8 @@ def test_the_same_run_from_memory_and_from_file_gives_identical_estimates(scenar
     same = ["plots=false", "runs=1", "steps=60", *same_prior, "hydra.run.dir=from_memory"]
     assert main(["run", f"scenario={scenario}", *same]) == 0
     one, other = (dict(np.load(f"{folder}/estimates.npz")) for folder in ("from_file", "from_memory"))
-    for name in ("time", "truth", "values", "mean", "cov"):
+    truth = [] if scenario in WITHOUT_TRUTH else ["truth"]
+    for name in ("time", *truth, "values", "mean", "cov"):
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
@@ -148,6 +151,68 @@ def test_a_bad_text_file_is_named_with_its_line(fault, capsys):
     stamp = json.loads(Path("out/status.json").read_text())
     assert stamp["status"] == "failed"
     assert message in stamp["error"]
+
+
+def replace_text(name: str, text: str) -> None:
+    Path("made", name).write_text(text)
+
+
+CSV_FAULTS = {
+    "missing file": (lambda: Path("made/XYData_cm.csv").unlink(), "made/XYData_cm.csv: no such file"),
+    "missing headings": (lambda: Path("made/HeadingAngle_rad.csv").unlink(), "made/HeadingAngle_rad.csv: no such file"),
+    "too few columns": (
+        lambda: replace_line("XYData_cm.csv", 9, "1.5"),
+        "made/XYData_cm.csv:9: 1 columns; expected the 2 columns x y",
+    ),
+    "too many columns": (lambda: replace_line("HeadingAngle_rad.csv", 4, "1,2"), "made/HeadingAngle_rad.csv:4: 2 col"),
+    "white space for commas": (lambda: replace_line("XYData_cm.csv", 2, "1.0 2.0"), "made/XYData_cm.csv:2: 1 columns"),
+    "not a number": (
+        lambda: replace_line("XYData_cm.csv", 7, "1.0,far"),
+        "made/XYData_cm.csv:7: y is 'far', not a number",
+    ),
+    "empty cell": (lambda: replace_line("XYData_cm.csv", 7, "1.0,"), "made/XYData_cm.csv:7: y is '', not a number"),
+    "header": (lambda: replace_line("XYData_cm.csv", 1, "x,y"), "made/XYData_cm.csv:1: x is 'x', not a number"),
+    "nan": (lambda: replace_line("HeadingAngle_rad.csv", 3, "nan"), "made/HeadingAngle_rad.csv:3: alpha is nan"),
+    "empty": (lambda: replace_text("XYData_cm.csv", ""), "made/XYData_cm.csv: no data rows; expected the columns x y"),
+    "lengths differ": (
+        lambda: replace_line("HeadingAngle_rad.csv", 181, None),
+        "made/HeadingAngle_rad.csv: 180 rows for the 181 of XYData_cm.csv",
+    ),
+    "too short": (
+        lambda: (replace_text("XYData_cm.csv", "1,2\n3,4\n"), replace_text("HeadingAngle_rad.csv", "0\n0\n")),
+        "made/XYData_cm.csv: 2 rows; at least 3 are needed",
+    ),
+    "binary": (lambda: Path("made/XYData_cm.csv").write_bytes(bytes(range(256))), "made/XYData_cm.csv"),
+}
+
+
+@pytest.mark.parametrize("fault", CSV_FAULTS)
+def test_a_bad_comma_separated_file_is_named_with_its_line(fault, capsys):
+    simulate("epuck")
+    spoil, message = CSV_FAULTS[fault]
+    spoil()
+    capsys.readouterr()
+    assert run("epuck", "hydra.run.dir=out") == 2
+    text = capsys.readouterr().err
+    assert message in text
+    assert text.count("\n") == 1
+    assert json.loads(Path("out/status.json").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize("filters", ["ekf", "[ekf,ukf]"])
+def test_files_without_truth_give_every_table_and_picture_and_score_nothing(filters, capsys):
+    simulate("epuck")
+    capsys.readouterr()
+    assert run("epuck", f"filter={filters}", "plots=true", "smooth=true", "hydra.run.dir=out") == 0
+    out = capsys.readouterr().out
+    assert "the files hold no truth: nothing is scored" in out
+    assert "nan" not in out
+    assert "NEES / n = " not in out
+    with np.load("out/estimates.npz") as arrays:
+        assert np.isnan(arrays["truth"]).all()
+        assert all(np.isfinite(arrays[name]).all() for name in arrays if name.endswith("mean"))
+    plots = {path.name for path in Path("out/plots").iterdir()}
+    assert plots == {"errors.png", "nis.png", "trajectory.png", "epuck_motion.png"}
 
 
 def test_a_few_unknown_barcodes_are_left_out_and_said(capsys):

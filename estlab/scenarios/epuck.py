@@ -1,0 +1,243 @@
+"""A small robot on a table, seen by a camera from above. Seed document 004."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from estlab.datasets import epuck as files
+from estlab.errors import UserError
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky
+from estlab.maths.space import Array, Space, wrap
+from estlab.maths.streams import Streams
+from estlab.models import camera
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+from estlab.scenarios import simulation
+from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+X, Y, SPEED, HEADING = range(4)
+
+# The simulated drive: corners of a tour on the table [cm], each with the speed [cm/s] at which it is made for.
+_TOUR = np.array([[82, 18], [84, 66], [52, 80], [44, 46], [14, 44], [20, 84], [60, 60], [60, 20], [14, 16]]).T
+_SPEED = np.array([7.0, 8.0, 6.0, 5.0, 6.0, 8.0, 8.0, 6.0, 7.0])
+_ARRIVED = 12.0  # [cm] from a corner, the driver makes for the next
+_BEND = 0.3  # [rad/s], as fast as he turns
+_BEGIN = np.array([16.0, 20.0, 7.0, 0.0])
+_BEGIN_WITHIN = np.array([5.0, 5.0, 0.5, 0.2])  # a run's start is uniform within this of the one above
+_SUBSTEPS = 10  # the film has ten frames for each one that is used
+_HEADING_SD = np.radians(10.0)  # of the initial estimate, in the document
+
+
+@dataclass(frozen=True)
+class Epuck(Scenario):
+    """Position fixes of a robot whose speed and heading walk at random."""
+
+    dt: float
+    duration: float
+    truth: Literal["drive", "model"]
+    dv2: float
+    dth2: float
+    fix_variance: float
+    led_sd: float
+    alpha_sd: float
+    wobble_sd: list[float]
+    initial_covariance: Literal["diagonal", "document"]
+
+    def __post_init__(self) -> None:
+        check_positive(dt=self.dt, duration=self.duration, dv2=self.dv2, dth2=self.dth2)
+        check_positive(fix_variance=self.fix_variance, led_sd=self.led_sd, alpha_sd=self.alpha_sd)
+        check_sds("wobble_sd", self.wobble_sd, 2)
+        if self.duration < 2.0 * self.dt:
+            raise ValueError(f"duration must hold two steps of dt={self.dt:g} or more, got {self.duration:g}")
+        if np.isnan(cholesky(self._initial_cov())).any():
+            raise ValueError(
+                "initial_covariance=document is not a covariance: not positive definite, its x-heading correlation is "
+                f"{self._x_heading_correlation():.2f}; use diagonal, the same without the cross terms"
+            )
+
+    @property
+    def space(self) -> Space:
+        return camera.SPACE
+
+    def motion(self, noise: Scales) -> Motion:
+        cov = noise.process_scale**2 * np.diag([self.dv2, self.dth2])
+        return Motion(
+            camera.SPACE, camera.coast, lambda control, dt: cov, 2, camera.coast_jacobians, camera.coast_hessians
+        )
+
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        cov = noise.measurement_scale**2 * self.fix_variance * np.eye(2)
+        return Sensor(camera.FIX, camera.SPACE, camera.fix, cov, places, camera.fix_slope)
+
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        steps = round(self.duration / self.dt)
+        begin = _BEGIN[:, None] + _BEGIN_WITHIN[:, None] * (streams.uniforms("start", runs, (4,)) * 2.0 - 1.0)
+        if self.truth == "model":
+            time = self.dt * np.arange(1, steps + 1)
+            walk = simulation.walk(streams, runs, self.motion(noise), begin, time, np.empty((0, steps, 1)))
+        else:
+            walk = self._drive(streams, runs, begin, steps, noise.process_scale)
+        truth = np.concatenate([begin[:, None], walk], axis=1)
+        blur = noise.measurement_scale * streams.normals("readings", runs, (3, steps + 1))
+        fixes = truth[:SPEED] + self.led_sd * blur[:2]
+        alpha = wrap(truth[HEADING] + self.alpha_sd * blur[2])
+        return self._record(truth, fixes, alpha[:, 0])
+
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        recording = files.read(folder, prefix)
+        fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
+        remark = "the files hold no truth: nothing is scored; alpha, measured too, is shown beside the estimates"
+        return self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.files, (remark,))
+
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        if record.time.size < 2:
+            raise UserError("steps must be >= 2: the files need three rows, the first two for the initial estimate")
+        kept = slice(record.time.size + 1)
+        return files.write(files.Recording(record.shown["fixes"][:, kept], record.shown["alpha"][kept]), folder, prefix)
+
+    def draw(self, axes: "Axes", history: History) -> None:
+        axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")
+
+    def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """How close run 0 of each filter keeps to what was measured, and how smoothly: known without any truth."""
+        rows = [_closeness(history) for history in histories.values()]
+        names = ("RMS to the fixes [cm]", "largest distance [cm]", "RMS to alpha [rad]", "RMS turn a step [rad]")
+        return {
+            "run 0": list(histories),
+            **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
+        }
+
+    def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.0, 6.4), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        first = next(iter(histories.values()))
+        alpha, time, fixes = _until(first)
+        lapse = np.diff(time)
+        above.plot(
+            time[1:] - 0.5 * lapse,
+            np.hypot(*np.diff(fixes)) / lapse,
+            ".",
+            color="0.6",
+            ms=4,
+            label="from differences of the fixes; alpha",
+        )
+        steady = np.unwrap(alpha)
+        below.plot(time, steady, ".", color="0.6", ms=4)
+        for axes in (above, below):
+            axes.set_ylim(*_with_room(axes.dataLim.intervaly))
+            axes.grid(alpha=0.3)
+        if np.isfinite(first.truth).any():
+            above.plot(first.time, first.truth[SPEED], color="black", lw=1.6, label="truth")
+            below.plot(first.time, _near(first.truth[HEADING], steady[1:]), color="black", lw=1.6)
+        for i, (name, history) in enumerate(histories.items()):
+            colour = f"C{i + (i >= 3)}"  # red is the colour of bands
+            above.plot(history.time, history.mean[SPEED], color=colour, lw=1.1, label=name)
+            below.plot(history.time, _near(history.mean[HEADING], steady[1:]), color=colour, lw=1.1)
+        above.set_ylabel("speed [cm/s]")
+        below.set_ylabel("heading [rad]")
+        below.set_xlabel("time [s]")
+        figure.suptitle(f"epuck · speed and heading · run 0 · dv2 {self.dv2:g}, dth2 {self.dth2:g}")
+        handles, labels = above.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize="small")
+        return {"epuck_motion.png": figure}
+
+    def _drive(self, streams: Streams, runs: Sequence[int], begin: Array, steps: int, scale: float) -> Array:
+        """A driver who makes for one corner of the tour after another: truth (4, steps, runs).
+
+        Every frame of the film is a step, so the robot bends its way between fixes, as the filter's model does not.
+        """
+        frame = self.dt / _SUBSTEPS
+        wobble = streams.normals("truth", runs, (steps * _SUBSTEPS, 2)) * scale * np.sqrt(frame)
+        wobble = wobble * np.asarray(self.wobble_sd)[:, None]
+        truth, state, goal = np.empty((4, steps, len(runs))), begin, np.zeros(len(runs), dtype=int)
+        for k in range(steps * _SUBSTEPS):
+            x, y, speed, heading = state
+            dx, dy = _TOUR[0, goal] - x, _TOUR[1, goal] - y
+            turn = frame * np.clip(wrap(np.arctan2(dy, dx) - heading), -_BEND, _BEND)
+            faster = frame * 0.5 * (_SPEED[goal] - speed)
+            middle = heading + 0.5 * turn
+            x, y = x + frame * speed * np.cos(middle), y + frame * speed * np.sin(middle)
+            state = np.stack([x, y, speed + faster + wobble[k, 0], heading + turn + wobble[k, 1]])
+            truth[:, k // _SUBSTEPS] = state
+            goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _SPEED.size, goal)
+        return camera.SPACE.plus(truth, np.zeros(1))
+
+    def _record(
+        self,
+        truth: Array,
+        fixes: Array,
+        alpha: Array,
+        read: tuple[Path, ...] = (),
+        remarks: tuple[str, ...] = (),
+    ) -> Record:
+        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too."""
+        time = self.dt * np.arange(fixes.shape[1])
+        steps = time.size - 1
+        dx, dy = fixes[:, 1] - fixes[:, 0]
+        begin = np.stack([*fixes[:, 0], np.hypot(dx, dy) / self.dt, np.arctan2(dy, dx)])
+        return Record(
+            0.0,
+            time[1:],
+            truth[:, 1:],
+            np.empty((0, steps, 1)),
+            Readings(np.arange(steps), fixes[:, 1:], np.zeros((steps, fixes.shape[2]), dtype=int)),
+            Gaussian(begin, self._initial_cov()),
+            read,
+            remarks,
+            shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
+        )
+
+    def _initial_cov(self) -> Array:
+        """Document 004, equation 12; its cross terms only where asked for."""
+        place = self.led_sd**2 / 3.0  # the mean of three lights
+        cov = np.diag([place, place, 2.0 * place / self.dt**2, _HEADING_SD**2])
+        if self.initial_covariance == "document":
+            cov[np.ix_([X, Y], [SPEED, HEADING])] = cov[np.ix_([SPEED, HEADING], [X, Y])] = place
+        return cov
+
+    def _x_heading_correlation(self) -> float:
+        cov = self._initial_cov()
+        return float(cov[X, HEADING] / np.sqrt(cov[X, X] * cov[HEADING, HEADING]))
+
+
+def _until(history: History) -> tuple[Array, Array, Array]:
+    """alpha, time and fixes of all frames up to the last step, the first frame included."""
+    kept = slice(history.time.size + 1)
+    return history.shown["alpha"][kept], history.shown["frame_time"][kept], history.shown["fixes"][:, kept]
+
+
+def _near(heading: Array, about: Array) -> Array:
+    """The headings, as near to others as whole turns allow, so that no line jumps at the cut."""
+    return about + wrap(heading - about)
+
+
+def _with_room(interval: Array) -> tuple[float, float]:
+    """Limits with half as much room again: where an estimate leaves them, it has left what was measured."""
+    low, high = interval
+    room = 0.25 * max(high - low, 1e-3)
+    return low - room, high + room
+
+
+def _closeness(history: History) -> tuple[float, ...]:
+    """The numbers of :meth:`Epuck.table`, over the steps before the filter diverged."""
+    alpha, _, _ = _until(history)
+    off = np.hypot(*(history.mean[:2, history.step] - history.values))
+    from_alpha, turn = wrap(history.mean[HEADING] - alpha[1:]), wrap(np.diff(history.mean[HEADING]))
+    largest = off[np.isfinite(off)].max() if np.isfinite(off).any() else np.nan
+    return tuple(float(f"{value:.4g}") for value in (_rms(off), largest, _rms(from_alpha), _rms(turn)))
+
+
+def _rms(values: Array) -> float:
+    """The root mean square of what is finite; NaN where nothing is."""
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.nan
