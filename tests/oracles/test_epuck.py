@@ -116,7 +116,7 @@ def test_at_ten_and_ten_the_modified_filter_diverges_and_the_others_hold_the_pos
         _, *models, record = _record(*wide)
         filter = settings("scenario=epuck", *(("filter=second_order",) if lost else ()), *form).filter
         found = estimate(filter, *models, record)
-        assert found.diverged.tolist() == [lost] * 3
+        assert np.isnan(found.mean).any(axis=(0, 1)).tolist() == [lost] * 3
         assert all((_furthest(found.mean[:, :, run], record, run) > 1e6) == lost for run in range(3))
     speed = found.mean[2] if not lost else estimate(settings("filter=second_order").filter, *models, record).mean[2]
     assert (speed[-1] > 60.0).all(), "the gaussian form's speed runs away"
@@ -169,7 +169,7 @@ def test_every_filter_follows_the_robot(name):
         pytest.skip("uses no reading")
     filter, motion, sensor, record = _record(f"filter={name}", "scenario.truth=model")
     found = estimate(filter, motion, sensor, record)
-    assert not found.diverged.any()
+    assert np.isfinite(found.mean).all()
     assert np.hypot(*(found.mean - record.truth)[:2]).max() < 3.0
     assert np.isfinite(cholesky(found.cov[:, :, -1])).all()
 
