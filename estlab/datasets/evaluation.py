@@ -75,17 +75,9 @@ def _load(path: Path) -> dict[str, Array]:
     """The arrays of the layout, as they are in the archive."""
     wanted = (_STEPS, *_WIDTHS)
     try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise UserError(
-                f"{path}: one array, not an archive of arrays; expected {', '.join(wanted)}, as by numpy.savez"
-            )
-        with archive:
-            missing = [name for name in wanted if name not in archive]
-            if missing:
-                held = ", ".join(archive.files) or "nothing"
-                raise UserError(f"{path}: no array {missing[0]}; the archive holds {held}")
-            return {name: np.asarray(archive[name]) for name in wanted}
+        # Opened here, since numpy leaves a damaged archive open.
+        with open(path, "rb") as stream:
+            return _arrays(path, np.load(stream, allow_pickle=False), wanted)
     except UserError:
         raise
     except FileNotFoundError as error:
@@ -96,6 +88,15 @@ def _load(path: Path) -> dict[str, Array]:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
     except Exception as error:  # zipfile, zlib and numpy raise many kinds for a damaged archive
         raise UserError(f"{path}: not an archive of plain arrays as numpy.savez writes it") from error
+
+
+def _arrays(path: Path, archive: Any, wanted: tuple[str, ...]) -> dict[str, Array]:
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise UserError(f"{path}: one array, not an archive of arrays; expected {', '.join(wanted)}, as by numpy.savez")
+    missing = [name for name in wanted if name not in archive]
+    if missing:
+        raise UserError(f"{path}: no array {missing[0]}; the archive holds {', '.join(archive.files) or 'nothing'}")
+    return {name: np.asarray(archive[name]) for name in wanted}
 
 
 def _check_numbers(path: Path, name: str, array: Array, shape: tuple[int, int]) -> None:

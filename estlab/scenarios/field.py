@@ -107,20 +107,22 @@ class Field(Scenario):
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         steps = round(self.duration / self.dt)
         command = _square(steps)
-        begin = np.array(self.start)[:, None].repeat(len(runs), axis=1)
+        prior = self._belief(len(runs))
+        # Where nothing is known of the start, each run begins somewhere else: a fixed one could flatter a filter.
+        begin = prior.sample(streams.draws("start", runs), 1)[:, 0] if isinstance(prior, Uniform) else prior.mean
         time = self.dt * np.arange(1, steps + 1)
         truth = simulation.walk(streams, runs, self.motion(noise), begin, time, command[:, :, None])
         # The landmarks take turns, two readings each: the reading of step k, from 1, is of floor(k / 2) mod 6.
         target = np.arange(1, steps + 1) // 2 % self._places.shape[1]
         sensor = self.sensor(noise, self._places)
         values = simulation.read(streams, runs, sensor, truth, sensor.place(target[:, None]))
-        return self._record(runs, command, truth, values, target)
+        return self._record(begin, command, truth, values, target)
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         path = folder / f"{prefix}{evaluation.NAME}"
         found = evaluation.read(path, self._places.shape[1])
         return self._record(
-            runs,
+            np.array(self.start)[:, None].repeat(len(runs), axis=1),
             found.motion.T,
             found.path.T[:, :, None].repeat(len(runs), axis=2),
             found.readings.T[:1, :, None].repeat(len(runs), axis=2),
@@ -153,15 +155,15 @@ class Field(Scenario):
 
     def _record(
         self,
-        runs: Sequence[int],
+        begin: Array,
         command: Array,
         truth: Array,
         values: Array,
         target: Array,
         files: tuple[Path, ...] = (),
     ) -> Record:
-        """One reading a step of command (3, T), truth (3, T, runs), values (1, T, runs) and target (T,)."""
-        steps, every = target.size, len(runs)
+        """One reading a step. begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs), target (T,)."""
+        steps, every = target.size, begin.shape[1]
         readings = Readings(np.arange(steps), values, target[:, None].repeat(every, axis=1))
         return Record(
             0.0,
@@ -172,7 +174,7 @@ class Field(Scenario):
             self._belief(every),
             files,
             places=self._places,
-            shown={"commanded": self._obeyed(command)},
+            shown={"commanded": self._obeyed(begin[:, 0], command)},
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:
@@ -180,9 +182,9 @@ class Field(Scenario):
             return Uniform(np.array([*self.box_low, -math.pi]), np.array([*self.box_high, math.pi]), runs)
         return Gaussian(np.array(self.start)[:, None].repeat(runs, axis=1), diagonal_cov(self.prior_sd))
 
-    def _obeyed(self, command: Array) -> Array:
-        """The path (3, T) of a robot that does as it is told."""
-        pose, path = np.array(self.start), np.empty(command.shape)
+    def _obeyed(self, pose: Array, command: Array) -> Array:
+        """The path (3, T) from a pose of a robot that does as it is told."""
+        path = np.empty(command.shape)
         for k in range(command.shape[1]):
             moved = odometry.turn_move_turn(pose, command[:, k], np.zeros(3), self.dt)
             path[:, k] = pose = odometry.SPACE.plus(np.stack(moved), np.zeros(1))
