@@ -113,6 +113,7 @@ class Sensor:
     noise_cov: (m, m).
     places: (p, number of places), what a reading may be about, such as landmarks; (0, 1) where there is no choice.
     slope(state, place): rows of dz/dx, or None for differences.
+    hessians(state, place): for each component of z, rows of its second derivative in x, or None for differences.
     """
 
     space: Space
@@ -121,6 +122,7 @@ class Sensor:
     noise_cov: Array
     places: Array
     slope: Callable[[Array, Array], Rows] | None = None
+    hessians: Callable[[Array, Array], tuple[Rows, ...]] | None = None
 
     def place(self, target: Array) -> Array:
         """The places (p, *target.shape) with these numbers."""
@@ -139,7 +141,14 @@ class Sensor:
             def derivative(state: Array) -> Array:
                 return matrix(rows(state, place), state.shape[1:])
 
-        return Function(lambda points: self.read(points, place), self.space, derivative)
+        curvature = None
+        if self.hessians is not None:
+            hessians = self.hessians
+
+            def curvature(state: Array) -> Array:
+                return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, place)])
+
+        return Function(lambda points: self.read(points, place), self.space, derivative, curvature)
 
     def joint_function(self, place: Array, n: int) -> Function:
         """The sensor as a function of (state, noise), the noise added."""
@@ -168,13 +177,14 @@ class Sensor:
     def times(self, count: int) -> "Sensor":
         """The sensor that gives ``count`` readings at once, about the places (p, count, *batch)."""
         if count not in self._stacks:
-            slope = self.slope
+            slope, hessians = self.slope, self.hessians
             self._stacks[count] = replace(
                 self,
                 space=self.space.repeat(count),
                 measure=lambda state, place: _in_turn(self.measure, state, place),
                 noise_cov=np.kron(np.eye(count), self.noise_cov),
                 slope=None if slope is None else lambda state, place: _in_turn(slope, state, place),
+                hessians=None if hessians is None else lambda state, place: _in_turn(hessians, state, place),
             )
         return self._stacks[count]
 

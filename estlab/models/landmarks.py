@@ -1,4 +1,4 @@
-"""Range and bearing to a known landmark, seen from a pose."""
+"""Range and bearing to a known landmark, or its bearing alone, seen from a pose."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from estlab.maths.space import Array, Space
 from estlab.models.contract import Components, Rows
 
 SPACE = Space(("range", "bearing"), ("m", "rad"), angles=(1,))
+BEARING = Space(("bearing",), ("rad",), angles=(0,))
 
 
 def range_bearing(pose: Array, landmark: Array) -> Components:
@@ -24,6 +25,28 @@ def range_bearing_slope(pose: Array, landmark: Array) -> Rows:
     q = dx * dx + dy * dy
     r = np.sqrt(q)
     return (-dx / r, -dy / r, 0.0), (dy / q, -dx / q, -1.0)
+
+
+def bearing(pose: Array, landmark: Array) -> Components:
+    """Bearing [rad] alone, from a pose to a landmark in any one unit of length. Seed document 001."""
+    x, y, heading = pose
+    mark_x, mark_y = landmark
+    return (np.arctan2(mark_y - y, mark_x - x) - heading,)
+
+
+def bearing_slope(pose: Array, landmark: Array) -> Rows:
+    """The row of the derivative of :func:`bearing` in the pose (H)."""
+    return (range_bearing_slope(pose, landmark)[1],)
+
+
+def bearing_hessians(pose: Array, landmark: Array) -> tuple[Rows, ...]:
+    """Rows of the second derivatives of :func:`bearing` in the pose."""
+    x, y, _ = pose
+    mark_x, mark_y = landmark
+    dx, dy = mark_x - x, mark_y - y
+    q2 = (dx * dx + dy * dy) ** 2
+    along, across = 2.0 * dx * dy / q2, (dy * dy - dx * dx) / q2
+    return (((along, across, 0.0), (across, -along, 0.0), (0.0, 0.0, 0.0)),)
 
 
 def seen_at(pose: Array, reading: Array) -> Array:

@@ -14,6 +14,7 @@ LAYOUT = {
     "car": {"problem3data.mat", "problem3truth.mat"},
     "sonar": {"problem4data.mat", "problem4truth.mat"},
     "epuck": {"XYData_cm.csv", "HeadingAngle_rad.csv"},
+    "field": {"evaluation-input.npy"},
 }
 WITHOUT_FILES = ["generator", "radar"]
 WITHOUT_TRUTH = {"epuck"}
@@ -298,3 +299,120 @@ def test_a_frame_in_which_nothing_was_seen_is_not_measured():
     with np.load("out/estimates.npz") as arrays:
         assert 10 not in arrays["step"]
         assert np.isfinite(arrays["mean"]).all()
+
+
+def archived(path: Path) -> dict[str, np.ndarray]:
+    with np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def save_archive(**arrays) -> None:
+    with open("made/evaluation-input.npy", "wb") as stream:
+        np.savez(stream, **arrays)
+
+
+def spoil_archive(name: str, change) -> None:
+    arrays = archived(Path("made/evaluation-input.npy"))
+    arrays[name] = change(arrays[name])
+    save_archive(**{key: array for key, array in arrays.items() if array is not None})
+
+
+def put(at, value):
+    def change(array):
+        array[at] = value
+        return array
+
+    return change
+
+
+def cut_archive() -> None:
+    path = Path("made/evaluation-input.npy")
+    path.write_bytes(path.read_bytes()[:9000])
+
+
+def damage_archive() -> None:
+    path = Path("made/evaluation-input.npy")
+    content = bytearray(path.read_bytes())
+    content[3000:3400] = bytes(400)
+    path.write_bytes(content)
+
+
+ARCHIVE_FAULTS = {
+    "missing file": (lambda: Path("made/evaluation-input.npy").unlink(), "no such file; data.path must be"),
+    "a folder": (
+        lambda: (Path("made/evaluation-input.npy").unlink(), Path("made/evaluation-input.npy").mkdir()),
+        "cannot be read (Is a directory)",
+    ),
+    "empty": (lambda: Path("made/evaluation-input.npy").write_bytes(b""), "not an archive of plain arrays"),
+    "text": (lambda: Path("made/evaluation-input.npy").write_text("0 10 0"), "not an archive of plain arrays"),
+    "one array": (
+        lambda: np.save("made/evaluation-input.npy", np.eye(3)),
+        "one array, not an archive of arrays; expected num_steps, noise_free_motion",
+    ),
+    "cut short": (cut_archive, "not an archive of plain arrays"),
+    "damaged": (damage_archive, "not an archive of plain arrays"),
+    "objects": (
+        lambda: spoil_archive("real_robot_path", lambda a: a.astype(object)),
+        "not an archive of plain arrays",
+    ),
+    "missing array": (
+        lambda: spoil_archive("real_robot_path", lambda a: None),
+        "no array real_robot_path; the archive holds num_steps, noise_free_motion",
+    ),
+    "missing steps": (lambda: spoil_archive("num_steps", lambda a: None), "no array num_steps"),
+    "steps": (lambda: spoil_archive("num_steps", lambda a: a + 0.5), "num_steps must be one whole number >= 1"),
+    "too few rows": (
+        lambda: spoil_archive("noise_free_motion", lambda a: a[:150]),
+        "noise_free_motion must be 200 x 3 numbers; it is float64 150 x 3",
+    ),
+    "columns": (
+        lambda: spoil_archive("real_observations", lambda a: a[:, :1]),
+        "real_observations must be 200 x 2 numbers; it is float64 200 x 1",
+    ),
+    "words": (
+        lambda: spoil_archive("noise_free_robot_path", lambda a: a.astype(str)),
+        "noise_free_robot_path must be 200 x 3 numbers",
+    ),
+    "nan": (
+        lambda: spoil_archive("noise_free_motion", put((17, 1), np.nan)),
+        "noise_free_motion[17] is not finite; every step must be known",
+    ),
+    "infinite truth": (
+        lambda: spoil_archive("real_robot_path", put((3, 0), np.inf)),
+        "real_robot_path[3] is not finite",
+    ),
+    "landmark beyond": (
+        lambda: spoil_archive("real_observations", put((9, 1), 6)),
+        "real_observations[9] is of landmark 6; landmarks are 0 to 5",
+    ),
+    "landmark before": (lambda: spoil_archive("real_observations", put((9, 1), -1)), "[9] is of landmark -1"),
+    "landmark between": (lambda: spoil_archive("real_observations", put((9, 1), 1.5)), "[9] is of landmark 1.5"),
+}
+
+
+@pytest.mark.parametrize("fault", ARCHIVE_FAULTS)
+def test_a_bad_archive_is_named_with_its_array(fault, capsys):
+    simulate("field")
+    spoil, message = ARCHIVE_FAULTS[fault]
+    spoil()
+    capsys.readouterr()
+    assert run("field", "hydra.run.dir=out") == 2
+    text = capsys.readouterr().err
+    assert text.startswith("estlab: made/evaluation-input.npy: ")
+    assert message in text
+    assert text.count("\n") == 1
+    assert json.loads(Path("out/status.json").read_text())["status"] == "failed"
+
+
+def test_a_simulated_archive_has_the_arrays_of_the_real_one(shared):
+    real = archived(shared / "field" / "evaluation-input.npy")
+    made = archived(simulate("field") / "evaluation-input.npy")
+    assert list(made) == list(real)
+    for name, array in real.items():
+        assert (made[name].dtype, made[name].shape) == (array.dtype, array.shape), name
+    for name in ("num_steps", "noise_free_motion"):
+        np.testing.assert_array_equal(made[name], real[name], err_msg=name)
+    off = made["noise_free_robot_path"] - real["noise_free_robot_path"]
+    off[:, 2] = np.sin(0.5 * off[:, 2])  # half a turn either way is one heading
+    np.testing.assert_allclose(off, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(made["real_observations"][:, 1], real["real_observations"][:, 1])

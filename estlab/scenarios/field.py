@@ -1,0 +1,198 @@
+"""A robot on a square path that knows its odometry and sees the bearing of one landmark a step. Seed document 001."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estlab.datasets import evaluation
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.space import Array, Space
+from estlab.maths.streams import Streams
+from estlab.maths.uniform import Uniform
+from estlab.models import landmarks, odometry
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Readings, Record
+from estlab.scenarios import simulation
+from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The square: so many steps a round, so far a step [cm], and two eighths of a turn at these steps of a round; the
+# second of them on the spot.
+_ROUND, _STRIDE = 50, 10.0
+_MOVING_TURN, _STANDING_TURN = 20, 40
+_EIGHTH = np.pi / 4.0
+
+
+@dataclass(frozen=True)
+class Field(Scenario):
+    """Bearing-only localisation among known landmarks, from a known start or from anywhere."""
+
+    dt: float
+    duration: float
+    landmarks: list[list[float]]
+    start: list[float]
+    alphas: list[float]
+    least_sd: float
+    bearing_sd: float
+    prior: Literal["known", "uniform"]
+    prior_sd: list[float]
+    box_low: list[float]
+    box_high: list[float]
+    found_radius: float
+
+    def __post_init__(self) -> None:
+        check_positive(dt=self.dt, duration=self.duration, least_sd=self.least_sd, bearing_sd=self.bearing_sd)
+        check_positive(found_radius=self.found_radius)
+        check_sds("prior_sd", self.prior_sd, 3)
+        for name, numbers, size in (
+            ("start", self.start, 3),
+            ("alphas", self.alphas, 4),
+            ("box_low", self.box_low, 2),
+            ("box_high", self.box_high, 2),
+        ):
+            if len(numbers) != size:
+                raise ValueError(f"{name} must have {size} numbers, got {len(numbers)}")
+        if round(self.duration / self.dt) < 1:
+            raise ValueError(f"duration must be at least one step of dt={self.dt:g}, got {self.duration:g}")
+        if not self.landmarks:
+            raise ValueError("landmarks must have at least one, got none")
+        for i, mark in enumerate(self.landmarks):
+            if len(mark) != 2:
+                raise ValueError(f"landmarks[{i}] must have 2 numbers, got {len(mark)}")
+        for i, alpha in enumerate(self.alphas):
+            if alpha < 0.0:
+                raise ValueError(f"alphas[{i}] must be >= 0, got {alpha:g}")
+        for i, (low, high) in enumerate(zip(self.box_low, self.box_high, strict=True)):
+            if not low < high:
+                raise ValueError(f"box_high[{i}] must be > box_low[{i}]={low:g}, got {high:g}")
+
+    @property
+    def space(self) -> Space:
+        return odometry.SPACE
+
+    @property
+    def found_within(self) -> float | None:
+        return self.found_radius if self.prior == "uniform" else None
+
+    def motion(self, noise: Scales) -> Motion:
+        alphas = noise.process_scale**2 * np.array(self.alphas)
+        least = noise.process_scale * self.least_sd
+        return Motion(
+            odometry.SPACE,
+            odometry.turn_move_turn,
+            lambda control, dt: odometry.noise_cov(control, alphas, least),
+            3,
+            odometry.jacobians,
+            odometry.hessians,
+        )
+
+    def sensor(self, noise: Scales, places: Array) -> Sensor:
+        cov = noise.measurement_scale**2 * diagonal_cov([self.bearing_sd])
+        return Sensor(
+            landmarks.BEARING,
+            odometry.SPACE,
+            landmarks.bearing,
+            cov,
+            places,
+            landmarks.bearing_slope,
+            landmarks.bearing_hessians,
+        )
+
+    def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
+        steps = round(self.duration / self.dt)
+        command = _square(steps)
+        prior = self._belief(len(runs))
+        # Where nothing is known of the start, each run begins somewhere else: a fixed one could flatter a filter.
+        begin = prior.sample(streams.draws("start", runs), 1)[:, 0] if isinstance(prior, Uniform) else prior.mean
+        time = self.dt * np.arange(1, steps + 1)
+        truth = simulation.walk(streams, runs, self.motion(noise), begin, time, command[:, :, None])
+        # The landmarks take turns, two readings each: the reading of step k, from 1, is of floor(k / 2) mod 6.
+        target = np.arange(1, steps + 1) // 2 % self._places.shape[1]
+        sensor = self.sensor(noise, self._places)
+        values = simulation.read(streams, runs, sensor, truth, sensor.place(target[:, None]))
+        return self._record(begin, command, truth, values, target)
+
+    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
+        path = folder / f"{prefix}{evaluation.NAME}"
+        found = evaluation.read(path, self._places.shape[1])
+        return self._record(
+            np.array(self.start)[:, None].repeat(len(runs), axis=1),
+            found.motion.T,
+            found.path.T[:, :, None].repeat(len(runs), axis=2),
+            found.readings.T[:1, :, None].repeat(len(runs), axis=2),
+            found.readings[:, 1].astype(int),
+            (path,),
+        )
+
+    def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
+        truth, target = record.truth[:, :, 0], record.readings.target[:, 0]
+        exact = landmarks.BEARING.plus(np.stack(landmarks.bearing(truth, record.places[:, target])), np.zeros(1))
+        made = evaluation.Evaluation(
+            motion=record.control[:, :, 0].T,
+            readings=np.column_stack([record.readings.values[0, :, 0], target]),
+            exact_readings=np.column_stack([exact[0], target]),
+            path=truth.T,
+            exact_path=record.shown["commanded"].T,
+        )
+        return [evaluation.write(made, folder / f"{prefix}{evaluation.NAME}")]
+
+    def draw(self, axes: "Axes", history: History) -> None:
+        commanded = history.shown["commanded"][:2, : history.time.size]
+        axes.plot(*commanded, "--", color="0.6", lw=1.0, label="commanded path")
+        axes.plot(*history.places, "ks", ms=6, label="landmarks")
+        for i, place in enumerate(history.places.T):
+            axes.annotate(str(i), place, xytext=(6, 6), textcoords="offset points", fontsize="small")
+
+    @property
+    def _places(self) -> Array:
+        return np.array(self.landmarks).T
+
+    def _record(
+        self,
+        begin: Array,
+        command: Array,
+        truth: Array,
+        values: Array,
+        target: Array,
+        files: tuple[Path, ...] = (),
+    ) -> Record:
+        """One reading a step. begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs), target (T,)."""
+        steps, every = target.size, begin.shape[1]
+        readings = Readings(np.arange(steps), values, target[:, None].repeat(every, axis=1))
+        return Record(
+            0.0,
+            self.dt * np.arange(1, steps + 1),
+            truth,
+            command[:, :, None],
+            readings,
+            self._belief(every),
+            files,
+            places=self._places,
+            shown={"commanded": self._obeyed(begin[:, 0], command)},
+        )
+
+    def _belief(self, runs: int) -> Gaussian | Uniform:
+        if self.prior == "uniform":
+            return Uniform(np.array([*self.box_low, -math.pi]), np.array([*self.box_high, math.pi]), runs)
+        return Gaussian(np.array(self.start)[:, None].repeat(runs, axis=1), diagonal_cov(self.prior_sd))
+
+    def _obeyed(self, pose: Array, command: Array) -> Array:
+        """The path (3, T) from a pose of a robot that does as it is told."""
+        path = np.empty(command.shape)
+        for k in range(command.shape[1]):
+            moved = odometry.turn_move_turn(pose, command[:, k], np.zeros(3), self.dt)
+            path[:, k] = pose = odometry.SPACE.plus(np.stack(moved), np.zeros(1))
+        return path
+
+
+def _square(steps: int) -> Array:
+    """The commands (3, steps) of the square, step n counted from 1."""
+    n = np.arange(1, steps + 1) % _ROUND
+    turn = np.where((n == _MOVING_TURN) | (n == _STANDING_TURN), _EIGHTH, 0.0)
+    return np.stack([turn, np.where(n == _STANDING_TURN, 0.0, _STRIDE), turn])
