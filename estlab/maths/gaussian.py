@@ -27,10 +27,6 @@ class Gaussian(NamedTuple):
         """Itself: any prior can be asked for the Gaussian that stands for it."""
         return self
 
-    def of(self, runs: Array) -> "Gaussian":
-        """The belief of some of the runs, of a mean (n, runs) and a cov (n, n, runs) or (n, n) for all."""
-        return Gaussian(self.mean[:, runs], self.cov[..., runs] if self.cov.ndim > 2 else self.cov)
-
     def sample(self, draws: Draws, count: int) -> Array:
         """Points (n, count, *batch). Angles are not wrapped: the points spread about their mean."""
         z = draws.normals((self.mean.shape[0], count))
@@ -54,3 +50,10 @@ def placed(whole: Array, runs: Array, part: Array) -> Array:
     copy = whole.copy()
     copy[..., runs] = part
     return copy
+
+
+def ellipses(mean: Array, cov: Array, sigmas: float = 3.0) -> Array:
+    """Outlines (2, 60, N) of the covariance ellipses of means (2, N) and covariances (2, 2, N)."""
+    around = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = sigmas * np.stack([np.cos(around), np.sin(around)])
+    return np.asarray(mean[:, None] + np.einsum("ikn,kp->ipn", cholesky(cov), circle))

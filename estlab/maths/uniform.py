@@ -25,10 +25,6 @@ class Uniform(NamedTuple):
         mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)
         return Gaussian(mean, np.diag((self.high - self.low) ** 2 / 12.0))
 
-    def of(self, runs: Array) -> "Uniform":
-        """The belief of some of the runs."""
-        return self._replace(runs=runs.size)
-
     def sample(self, draws: Draws, count: int) -> Array:
         """Points (n, count, runs)."""
         width = (self.high - self.low)[:, None, None]
