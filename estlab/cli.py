@@ -1,5 +1,6 @@
 """From the command line to a command."""
 
+import io
 import os
 import re
 import sys
@@ -8,7 +9,8 @@ from pathlib import Path
 
 from estlab import __version__
 from estlab.errors import UserError
-from estlab.launch import INTERRUPTED, OK, complain, conf_folder, launch, run_job, simulate_job
+from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
+from estlab.paths import conf_folder
 
 HELP = """\
 estlab: a command-line laboratory for nonlinear state estimation
@@ -30,6 +32,8 @@ _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experim
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line; its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal without a dot in the middle shows another sign
     try:
         return _dispatch(arguments)
     except UserError as error:
@@ -41,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
         # The reader of our output, such as head, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
+    except OSError as error:
+        return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -56,6 +62,8 @@ def _dispatch(arguments: list[str]) -> int:
             [*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, ["estlab", *arguments])
         )
     elif command == "simulate":
+        if {"-m", "--multirun"} & set(rest):
+            raise UserError("estlab simulate writes one data set; leave out --multirun")
         # It makes no run directory, so Hydra's is where the user stands.
         return launch(["hydra.run.dir=.", *rest], simulate_job)
     elif command in ("-sc", "--shell-completion"):

@@ -6,6 +6,7 @@ value's type is the parameter's. Defaults live in conf/ alone.
 
 import difflib
 import importlib
+import importlib.util
 import inspect
 import math
 import types
@@ -60,8 +61,8 @@ class Settings:
     def __post_init__(self) -> None:
         for name in ("runs", "steps", "keep_runs", "block_runs"):
             value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ValueError(f"{name} must be >= 1, got {value}")
+            if value is not None and not 1 <= value <= 1_000_000_000:
+                raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
         if self.seed < 0:
             raise ValueError(f"seed must be >= 0, got {self.seed}")
 
@@ -71,9 +72,18 @@ def build(config: Node) -> Settings:
 
     Raises UserError, naming the key, the value and the remedy, for the first thing that is wrong.
     """
-    allowed = ("estlab", *(str(name) for name in config.get("plugins") or ()))
+    allowed = ("estlab", *_plugins(config.get("plugins")))
     _check_targets(config, "", allowed)
     return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
+
+
+def _plugins(names: Any) -> list[str]:
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise UserError(f"plugins must be a list of packages, for example plugins=[mine], got {names!r}")
+    for name in names:
+        if not name.isidentifier() or importlib.util.find_spec(name) is None:
+            raise UserError(f"plugins: there is no package {name!r} where Python looks; add its folder to PYTHONPATH")
+    return names
 
 
 def nearest(path: str, known: Sequence[str]) -> str:
@@ -85,8 +95,8 @@ def nearest(path: str, known: Sequence[str]) -> str:
     group, _, leaf = path.rpartition(".")
     leaves = {name.rpartition(".")[2]: name for name in reversed(known)}
     beside = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == group}
-    for names in (leaves if leaf in leaves else {}, beside, leaves):
-        if close := difflib.get_close_matches(leaf, list(names), n=1, cutoff=0.6):
+    for names, cutoff in ((leaves, 1.0), (beside, 0.6), (leaves, 0.75)):
+        if close := difflib.get_close_matches(leaf, list(names), n=1, cutoff=cutoff):
             return f"; did you mean {names[close[0]]}?"
     return ""
 
@@ -131,8 +141,8 @@ class _Builder:
         arguments = {key: self.convert(node[key], hints.get(key, Any), _join(path, key)) for key in given}
         try:
             return make(**arguments)
-        except ValueError as error:
-            raise UserError(_join(path, str(error))) from error
+        except (ValueError, ArithmeticError, TypeError) as error:
+            raise UserError(_join(path, " ".join(str(error).split()))) from error
 
     def convert(self, value: Any, hint: Any, path: str) -> Any:
         """The value as the type, or a UserError that names the key."""
@@ -140,9 +150,17 @@ class _Builder:
             raise UserError(f"{path} must be given, for example {path}=...")
         if isinstance(value, Mapping):
             if "_target_" in value:
-                return self.construct(_resolve(value["_target_"], hint, f"{path}._target_", self.allowed), value, path)
+                make = _resolve(value["_target_"], hint, f"{path}._target_", self.allowed)
+                made = self.construct(make, value, path)
+                if not isinstance(made, hint):
+                    raise UserError(
+                        f"{path}._target_ {value['_target_']} made a {type(made).__name__}, not a {hint.__name__}"
+                    )
+                return made
             if is_dataclass(hint):
                 return self.construct(typing.cast(Callable[..., Any], hint), value, path)
+            if inspect.isclass(hint):
+                raise UserError(f"{path}._target_ is missing, the class or function that makes it")
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin in (Union, types.UnionType):
             if value is None and type(None) in arguments:
@@ -158,12 +176,16 @@ class _Builder:
                 raise UserError(f"{path} must be a list, got {value!r}")
             return [self.convert(item, arguments[0], f"{path}[{i}]") for i, item in enumerate(value)]
         if origin is dict:
+            if not isinstance(value, Mapping):
+                raise UserError(f"{path} must be a group of its own, such as filter=[ekf,ukf] makes, got {value!r}")
             return {key: self.convert(item, arguments[1], _join(path, key)) for key, item in value.items()}
         return _scalar(value, hint, path)
 
 
 def _scalar(value: Any, hint: Any, path: str) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(value, int) and abs(value) > 2**63:
+        raise UserError(f"{path} is too large a number")
     if number and not math.isfinite(value):
         raise UserError(f"{path} must be finite, got {value}")
     if hint is float and number:
@@ -206,17 +228,24 @@ def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Calla
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise UserError(f"{path}: there is no {name} ({error})") from error
-    made = (
-        found
-        if inspect.isclass(found)
-        else typing.get_type_hints(found).get("return")
-        if inspect.isfunction(found)
-        else None
-    )
+    except (Exception, SystemExit) as error:
+        said = " ".join(str(error).split())
+        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
+    made = _product(found)
     if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
         raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
     _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
     return typing.cast(Callable[..., Any], found)
+
+
+def _product(found: Any) -> Any:
+    """What calling this makes, by its own word; None if it says nothing."""
+    if inspect.isclass(found):
+        return found
+    try:
+        return typing.get_type_hints(found).get("return") if inspect.isfunction(found) else None
+    except NameError:
+        return None
 
 
 def _join(path: str, key: str) -> str:

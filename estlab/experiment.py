@@ -1,6 +1,9 @@
 """One experiment from settings to a run directory. It assembles records, filters, metrics, report; it computes none."""
 
+import contextlib
 import logging
+import tempfile
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -61,6 +64,8 @@ def check(settings: Settings, names: Names) -> None:
             _loop(settings, filter, np.empty((0, 1))).check(settings.smooth)
         except ValueError as error:
             raise UserError(f"{key}.{error}") from error
+        except ArithmeticError as error:
+            raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
 
 
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> None:
@@ -96,15 +101,18 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     if own:
         directory.write(f"{names.scenario}.csv", partial(tables.write_columns, own))
     if settings.plots:
-        plots.draw_all(
-            directory.path,
-            directory.write,
-            scenario.space,
-            title,
-            settings.runs,
-            lambda axes, name: scenario.draw(axes, _history(histories, name, len(tallies))),
-            lambda: scenario.pictures({name: _history(histories, name, len(tallies)) for name in tallies}),
-        )
+        with warnings.catch_warnings():
+            # An ensemble of which nothing is left has pictures without a curve.
+            warnings.simplefilter("ignore", RuntimeWarning)
+            plots.draw_all(
+                directory.path,
+                directory.write,
+                scenario.space,
+                title,
+                settings.runs,
+                lambda axes, name: scenario.draw(axes, _history(histories, name, len(tallies))),
+                lambda: scenario.pictures({name: _history(histories, name, len(tallies)) for name in tallies}),
+            )
     terminal.summary(title, rows, own, record.remarks, str(_short(directory.path)))
 
 
@@ -117,10 +125,25 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
     folder = Path(settings.data.path)
     record = _record(settings, names, range(1))
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return settings.scenario.write(record, folder, settings.data.prefix)
+        # All files beside their places first: a full disk or a file that is there already leaves nothing half done.
+        with tempfile.TemporaryDirectory(dir=_made(folder), prefix=".simulated-") as aside:
+            written = settings.scenario.write(record, Path(aside), settings.data.prefix)
+            taken = [path.name for path in written if (folder / path.name).exists()]
+            if taken:
+                raise UserError(
+                    f"{folder / taken[0]}: is there already; remove it, or choose another data.path or data.prefix"
+                )
+            return [path.rename(folder / path.name) for path in written]
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another data.path") from error
+    finally:
+        with contextlib.suppress(OSError):
+            folder.rmdir()  # only if nothing came of it
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _filters(settings: Settings, names: Names) -> dict[str, Filter]:

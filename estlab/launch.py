@@ -1,21 +1,27 @@
 """From the rest of a command line to jobs, by Hydra. The only place that knows it."""
 
 import contextlib
+import errno
 import os
-import re
 import signal
 import sys
+import time
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
+from estlab.arguments import prepared
+from estlab.complaints import one_line
 from estlab.errors import UserError
+from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from estlab.config import Settings
     from estlab.experiment import Names
+
+_BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -35,12 +41,6 @@ _TOLD = (
 )
 
 
-def conf_folder() -> Path:
-    """conf/, beside the package in a checkout and inside it in an installed wheel."""
-    inside = Path(__file__).parent / "conf"
-    return inside if inside.is_dir() else Path(__file__).parent.parent / "conf"
-
-
 def complain(message: str, code: int = USAGE) -> int:
     print(f"estlab: {message}", file=sys.stderr)
     return code
@@ -50,7 +50,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     """Hand the rest of the command line to Hydra and its configuration to the job; the worst job's exit code."""
     import hydra
     from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
 
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
     signal.signal(signal.SIGTERM, _interrupt)
@@ -59,46 +58,35 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     def task(config: "DictConfig") -> None:
         try:
             codes.append(job(config))
-        except UserError as error:
-            codes.append(complain(str(error)))
+        except Exception as error:
+            if traceback_wanted:
+                raise
+            codes.append(complain(one_line(error, arguments)))
 
-    sys.argv = ["estlab", *_several_filters(arguments)]
+    sys.argv = ["estlab", *prepared(arguments)]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
-    except (HydraException, OmegaConfBaseException, ValueError) as error:
-        if traceback_wanted:
-            raise
-        raise UserError(_one_line(error, arguments)) from error
     except BrokenPipeError:
         raise
-    except OSError as error:
+    except HydraException as error:
+        # Before OSError, which a missing configuration is too.
         if traceback_wanted:
             raise
-        raise UserError(
-            f"{error.filename}: cannot be written ({error.strerror}); set output to another folder"
-        ) from error
+        raise UserError(one_line(error, arguments)) from error
+    except OSError as error:
+        where = error.filename or "the folder where you stand"
+        raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
+    except Exception as error:
+        if traceback_wanted:
+            raise
+        raise UserError(one_line(error, arguments)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
-
-
-def _several_filters(arguments: list[str]) -> list[str]:
-    """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
-    written: list[str] = []
-    for argument in arguments:
-        if match := re.fullmatch(r"filter=\[([^\]]*)\]", argument):
-            names = [name.strip() for name in match[1].split(",") if name.strip()]
-            if len(names) != len(set(names)) or not names:
-                raise UserError(f"{argument}: name each filter once, for example filter=[ekf,ukf]")
-            written += [f"filter={names[0]}", *(f"+filter@filters.{name}={name}" for name in names)]
-            written.append(f"hydra.job.name={'-'.join(names)}")
-        else:
-            written.append(argument)
-    return written
 
 
 def _interrupt(number: int, frame: object) -> NoReturn:
@@ -117,8 +105,8 @@ def run_job(command: list[str], config: "DictConfig") -> int:
         settings, names = _settings(config)
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
-    except UserError:
-        _remove_if_empty(folder)
+    except BaseException:
+        _remove_if_ours(folder, Path(str(config.output)))
         raise
     try:
         with directory.logged():
@@ -129,7 +117,7 @@ def run_job(command: list[str], config: "DictConfig") -> int:
     except KeyboardInterrupt:
         directory.finish("interrupted", "interrupted by the user")
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         message = _reason(error, folder / rundir.LOG)
         directory.finish("failed", message)
         return complain(message, USAGE if isinstance(error, UserError) else FAILED)
@@ -153,66 +141,41 @@ def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     from estlab.config import build
     from estlab.experiment import Names
 
+    hydra = HydraConfig.get()
     if config.get("plugins"):
-        sys.path.insert(
-            0, str(Path.cwd())
-        )  # an installed command, unlike python -m, does not look where the user stands
-    choices = HydraConfig.get().runtime.choices
-    plain = OmegaConf.to_container(config, resolve=True)
-    changes = tuple(o.lstrip("+") for o in HydraConfig.get().overrides.task if not o.startswith((*_TOLD, "+filter@")))
-    return build(cast(dict[str, Any], plain)), Names(choices["scenario"], choices["filter"], changes)
+        # An installed command, unlike python -m, does not look where the user stands.
+        sys.path.insert(0, str(Path.cwd()))
+    plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
+    if hydra.job.chdir and plain["data"]["path"]:
+        plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
+    changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
+    choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
+    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
+    scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
+    return build(plain), Names(scenario, filter, changes)
 
 
-def _reason(error: Exception, log: Path) -> str:
+def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, OSError):
-        remedy = "the run is incomplete, make room or set output to another disk"
-        return f"{error.filename or log.parent}: {error.strerror}; {remedy}"
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room or set output to another disk" if full else "check its permissions"
+        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
     if isinstance(error, MemoryError):
-        return "out of memory; lower block_runs, runs or keep_runs"
-    return f"internal error, {type(error).__name__}: {error}; the traceback is in {log}"
+        return "out of memory; lower block_runs, runs, keep_runs or scenario.duration"
+    said = " ".join(str(error).split())
+    return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 
 
-def _remove_if_empty(folder: Path) -> None:
-    """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error."""
+def _remove_if_ours(folder: Path, output: Path) -> None:
+    """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error.
+
+    Only what is empty and was made since this process began, and never a folder outside ``output`` but the run's own.
+    """
     with contextlib.suppress(OSError):
-        folder.rmdir()
-        folder.parent.rmdir()
-
-
-def _one_line(error: Exception, arguments: list[str]) -> str:
-    """Hydra's and OmegaConf's messages, of several lines, as one that names the key and the nearest known one."""
-    from estlab.config import nearest, unknown_key
-
-    text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
-    if match := re.search(r"Could not override '([^']+)'", text):
-        return unknown_key(match[1].lstrip("+"), _known_keys(arguments))
-    if match := re.search(
-        r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*?)\s*(?:Config search path|$))?",
-        text,
-        re.DOTALL,
-    ):
-        group, _, option = match[1].rpartition("/")
-        options = (match[2] or "").split()
-        return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (
-            f" (one of {', '.join(options)})" if options else ""
-        )
-    return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-
-
-def _known_keys(arguments: list[str]) -> list[str]:
-    """Every group and key of the configuration that the group choices among the arguments compose."""
-    from hydra import compose, initialize_config_dir
-    from hydra.errors import HydraException
-
-    from estlab.config import key_paths
-
-    groups = [folder.name for folder in conf_folder().iterdir() if folder.is_dir() and folder.name != "hydra"]
-    chosen = [argument for argument in arguments if argument.partition("=")[0] in groups]
-    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        for overrides in (chosen, []):
-            with contextlib.suppress(HydraException):
-                return [*groups, *key_paths(compose("config", overrides=overrides))]
-    return groups
+        if folder.stat().st_ctime >= _BEGAN and folder.resolve() not in (Path.cwd(), *Path.cwd().parents):
+            folder.rmdir()
+            if folder.parent.resolve().parent == output.resolve():
+                folder.parent.rmdir()

@@ -9,8 +9,8 @@ from omegaconf import OmegaConf
 
 from estlab.config import Settings, build
 from estlab.filters.loop import Loop
-from estlab.launch import conf_folder
 from estlab.maths.streams import Streams
+from estlab.paths import conf_folder
 from estlab.record import Estimates
 
 ROOT = Path(__file__).parent.parent

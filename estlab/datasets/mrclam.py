@@ -61,7 +61,7 @@ def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
     check_times(paths["Measurement"], measurement[:, 0], repeats=True)
     check_times(paths["Groundtruth"], truth[:, 0])
 
-    _check_values(paths, odometry, measurement, barcodes)
+    _check_values(paths, odometry, measurement, truth, barcodes, landmarks)
     subject_of = {int(code): int(subject) for subject, code in barcodes}
     index_of = {int(subject): i for i, subject in enumerate(landmarks[:, 0])}
     unplaced = [s for s in subject_of.values() if s >= FIRST_LANDMARK and s not in index_of]
@@ -118,6 +118,8 @@ def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
             return candidate
     if not folder.is_dir():
         raise UserError(f"data.path: no folder {folder}")
+    if (folder / f"{prefix}Odometry.dat").is_file():
+        raise UserError(f"{candidates[0]}: no such file; it belongs with {prefix}Odometry.dat")
     prefixes = sorted(p.name.removesuffix("Odometry.dat") for p in folder.glob("*Odometry.dat"))
     known = (
         f"set data.prefix to one of: {', '.join(repr(p) for p in prefixes)}"
@@ -127,7 +129,27 @@ def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
     raise UserError(f"{candidates[0]}: no such file; {known}")
 
 
-def _check_values(paths: dict[str, Path], odometry: Array, measurement: Array, barcodes: Array) -> None:
+def _check_values(
+    paths: dict[str, Path], odometry: Array, measurement: Array, truth: Array, barcodes: Array, landmarks: Array
+) -> None:
+    for kind, table, columns in (
+        ("Measurement", measurement, 2),
+        ("Barcodes", barcodes, 2),
+        ("Landmark_Groundtruth", landmarks, 1),
+    ):
+        whole = table[:, :columns] if kind == "Barcodes" else table[:, columns - 1 : columns]
+        bad = np.flatnonzero(((whole != np.rint(whole)) | (np.abs(whole) > 1e9)).any(axis=1))
+        if bad.size:
+            raise UserError(
+                f"{paths[kind]}:{line_of_row(paths[kind], int(bad[0]))}: a subject or barcode is not a whole number"
+            )
+    subjects, count = np.unique(landmarks[:, 0], return_counts=True)
+    if count.max() > 1:
+        raise UserError(
+            f"{paths['Landmark_Groundtruth']}: subject {subjects[count.argmax()]:.0f} has two rows; leave one"
+        )
+    if truth.shape[0] < 2:
+        raise UserError(f"{paths['Groundtruth']}: one row only; at least two are needed to know the truth between them")
     if odometry.shape[0] < 2:
         raise UserError(f"{paths['Odometry']}: one row only; at least two are needed to know for how long to drive")
     negative = np.flatnonzero(measurement[:, 2] < 0.0)

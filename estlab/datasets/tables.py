@@ -20,7 +20,7 @@ def read_table(path: Path, columns: tuple[str, ...], delimiter: str | None = Non
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file is ours to report
-            table = np.loadtxt(path, ndmin=2, comments="#", delimiter=delimiter, encoding="utf-8")
+            table = np.loadtxt(path, ndmin=2, comments="#", delimiter=delimiter, encoding="utf-8-sig")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:

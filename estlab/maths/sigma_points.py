@@ -87,11 +87,15 @@ class Scaled(SymmetricSigmaPoints):
     def __post_init__(self) -> None:
         if not self.alpha > 0.0:
             raise ValueError(f"alpha must be > 0, got {self.alpha:g}")
-        if not self.beta >= 0.0:
-            raise ValueError(f"beta must be >= 0, got {self.beta:g}")
+        if not 1e-8 <= self.alpha <= 1e8:
+            raise ValueError(
+                f"alpha must be from 1e-8 to 1e8, got {self.alpha:g}: nearer or farther points have no digits"
+            )
+        if not 0.0 <= self.beta <= 1e8:
+            raise ValueError(f"beta must be >= 0 and at most 1e8, got {self.beta:g}")
 
     def spread2(self, n: int) -> float:
-        return self.alpha**2 * _beyond(self.kappa, n)
+        return _beyond(self.kappa, n) * self.alpha**2
 
     def bonus(self) -> float:
         return 1.0 - self.alpha**2 + self.beta
@@ -150,6 +154,8 @@ class GaussHermite(SigmaPoints):
 
 
 def _beyond(kappa: float, n: int) -> float:
+    if kappa > 1e8:
+        raise ValueError(f"kappa must be at most 1e8, got {kappa:g}")
     if not n + kappa > 0.0:
         raise ValueError(f"kappa must be > -n = {-n} for {n} dimensions, got {kappa:g}")
     return n + kappa

@@ -16,7 +16,7 @@ from estlab.models import lidar, vehicle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,8 @@ class Car(Scenario):
     turn_rate_sd: float
 
     def __post_init__(self) -> None:
-        check_positive(dt=self.dt, duration=self.duration, smallest=self.smallest)
+        check_duration(self.duration, self.dt)
+        check_positive(smallest=self.smallest)
         check_positive(lidar_range_sd=self.lidar_range_sd, lidar_bearing_sd=self.lidar_bearing_sd)
         check_positive(acceleration_sd=self.acceleration_sd, turn_rate_sd=self.turn_rate_sd)
         check_sds("process_sd", self.process_sd, 6)
@@ -94,11 +95,15 @@ class Car(Scenario):
         frames = matlab.read_struct(data, "z", "lidar")
         points = [_frame(data, i, frame["z"]) for i, frame in enumerate(frames)]
         time = _frame_times(data, frames, self.dt)
-        truth = np.stack([_state(states, i, s["x"]) for i, s in enumerate(matlab.read_struct(states, "x"))], axis=1)
+        known = matlab.read_struct(states, "x")
+        truth = np.stack([_state(states, i, element["x"]) for i, element in enumerate(known)], axis=1)
         if truth.shape[1] != time.size:
             raise UserError(
                 f"{states}: {truth.shape[1]} states for the {time.size} frames of {data.name}; they must be as many"
             )
+        timed = "t" in frames[0] and "t" in known[0]
+        if timed and not np.allclose(_frame_times(states, known, self.dt), time, rtol=0.0, atol=1e-6):
+            raise UserError(f"{states}: its times t are not those of {data.name}; both must hold the same steps")
         owner = np.repeat(np.arange(time.size), [p.shape[1] for p in points])
         raw = {"points": np.concatenate(points, axis=1), "owner": owner}
         values = lidar.measure_frames(raw["points"], owner, time.size)
@@ -219,7 +224,8 @@ class Car(Scenario):
     ) -> Record:
         readings = Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int))
         control = np.empty((0, time.size, 1))
-        return Record(float(time[0]) - self.dt, time, truth, control, readings, prior, files, raw=raw)
+        begin = float(time[0]) - self.dt
+        return Record(begin, time, truth, control, readings, prior, files, raw=raw, repeated=bool(files))
 
 
 def _draw_rectangles(axes: "Axes", states: Array, colour: str, label: str | None = None) -> None:

@@ -28,7 +28,9 @@ class Scales:
     measurement_scale: float
 
     def __post_init__(self) -> None:
-        check_positive(process_scale=self.process_scale, measurement_scale=self.measurement_scale)
+        for name, value in (("process_scale", self.process_scale), ("measurement_scale", self.measurement_scale)):
+            if not 1e-50 < value < 1e50:
+                raise ValueError(f"{name} must be > 0 and between 1e-50 and 1e50, got {value:g}")
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,10 @@ def check_sds(name: str, values: Sequence[float], size: int) -> None:
     if len(values) != size:
         raise ValueError(f"{name} must have {size} numbers, got {len(values)}")
     for i, value in enumerate(values):
-        if not (value > 0.0 and math.isfinite(value)):
-            raise ValueError(f"{name}[{i}] must be > 0 and finite for a positive definite covariance, got {value:g}")
+        if not 0.0 < value < 1e50:
+            raise ValueError(
+                f"{name}[{i}] must be > 0 and below 1e50 for a positive definite covariance, got {value:g}"
+            )
 
 
 def diagonal_cov(sds: Sequence[float]) -> Array:

@@ -17,7 +17,7 @@ from estlab.models import camera
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds
+from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,9 +52,10 @@ class Epuck(Scenario):
     initial_covariance: Literal["diagonal", "document"]
 
     def __post_init__(self) -> None:
-        check_positive(dt=self.dt, duration=self.duration, dv2=self.dv2, dth2=self.dth2)
+        check_positive(dv2=self.dv2, dth2=self.dth2)
         check_positive(fix_variance=self.fix_variance, led_sd=self.led_sd, alpha_sd=self.alpha_sd)
         check_sds("wobble_sd", self.wobble_sd, 2)
+        check_duration(self.duration, self.dt)
         if self.duration < 2.0 * self.dt:
             raise ValueError(f"duration must hold two steps of dt={self.dt:g} or more, got {self.duration:g}")
         if np.isnan(cholesky(self._initial_cov())).any():
@@ -195,6 +196,7 @@ class Epuck(Scenario):
             read,
             remarks,
             shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
+            repeated=bool(read),
         )
 
     def _initial_cov(self) -> Array:

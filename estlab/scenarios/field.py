@@ -17,7 +17,7 @@ from estlab.models import landmarks, odometry
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +47,7 @@ class Field(Scenario):
     found_radius: float
 
     def __post_init__(self) -> None:
-        check_positive(dt=self.dt, duration=self.duration, least_sd=self.least_sd, bearing_sd=self.bearing_sd)
+        check_positive(least_sd=self.least_sd, bearing_sd=self.bearing_sd)
         check_positive(found_radius=self.found_radius)
         check_sds("prior_sd", self.prior_sd, 3)
         for name, numbers, size in (
@@ -58,8 +58,7 @@ class Field(Scenario):
         ):
             if len(numbers) != size:
                 raise ValueError(f"{name} must have {size} numbers, got {len(numbers)}")
-        if round(self.duration / self.dt) < 1:
-            raise ValueError(f"duration must be at least one step of dt={self.dt:g}, got {self.duration:g}")
+        check_duration(self.duration, self.dt)
         if not self.landmarks:
             raise ValueError("landmarks must have at least one, got none")
         for i, mark in enumerate(self.landmarks):
@@ -175,6 +174,7 @@ class Field(Scenario):
             files,
             places=self._places,
             shown={"commanded": self._obeyed(begin[:, 0], command)},
+            repeated=True,
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:

@@ -66,8 +66,8 @@ class Landmark(Scenario):
         check_sds("process_sd", self.process_sd, 2)
         check_sds("measurement_sd", self.measurement_sd, 2)
         check_sds("initial_sd", self.initial_sd, 3)
-        if self.reading_every < 1:
-            raise ValueError(f"reading_every must be >= 1, got {self.reading_every}")
+        if not 1 <= self.reading_every <= 1_000_000:
+            raise ValueError(f"reading_every must be from 1 to 1e6, got {self.reading_every}")
         if not 0.0 < self.field_of_view <= 2.0 * np.pi:
             raise ValueError(f"field_of_view must be > 0 and at most 2 pi [rad], got {self.field_of_view:g}")
         for name, share in (("dropped", self.dropped), ("unknown_barcodes", self.unknown_barcodes)):
@@ -115,6 +115,11 @@ class Landmark(Scenario):
         reading_time = recording.reading_time - origin
         late = reading_time > start
         time = np.unique(np.concatenate([odometry_time[odometry_time > start], reading_time[late]]))
+        if not late.any() or time.size == 0:
+            taken, odometry = recording.files[1], recording.files[0]
+            raise UserError(
+                f"{taken}: no reading while the truth is known and {odometry.name} goes on; do their times agree?"
+            )
         before = np.concatenate([[start], time[:-1]])
         held = np.searchsorted(odometry_time, before, side="right") - 1
         truth = self._truth_at(time + origin, recording.truth, known)

@@ -16,7 +16,7 @@ from estlab.models import sonar
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,12 +43,11 @@ class Sonar(Scenario):
     found_radius: float
 
     def __post_init__(self) -> None:
-        check_positive(dt=self.dt, duration=self.duration, speed=self.speed, turn_rate=self.turn_rate)
+        check_positive(speed=self.speed, turn_rate=self.turn_rate)
         check_positive(found_radius=self.found_radius)
         check_sds("process_sd", self.process_sd, 2)
         check_sds("measurement_sd", self.measurement_sd, sonar.HEARD)
-        if self.duration < self.dt:
-            raise ValueError(f"duration must be at least one step of dt={self.dt:g}, got {self.duration:g}")
+        check_duration(self.duration, self.dt)
         if len(self.bounds) != 4 or not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ValueError(f"bounds must be minx < maxx, miny < maxy, got {self.bounds}")
         narrow = min(self.bounds[1] - self.bounds[0], self.bounds[3] - self.bounds[2])
@@ -211,6 +210,7 @@ class Sonar(Scenario):
             files,
             places=beacons,
             shown={"bounds": bounds},
+            repeated=bool(files),
         )
 
 

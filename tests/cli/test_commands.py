@@ -152,7 +152,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
         (["run", "filter.alpha=="], "Error parsing override"),
         (["run", "data.path=somewhere"], "data.path=somewhere would not be read: add data=files"),
-        (["run", "output=/proc/estlab"], "set output to another folder"),
+        (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
         (["run", "data=files", "data.path=."], "problem3data.mat: no such file; data.path must be the folder"),
         (["simulate"], "data.path must be given"),

@@ -10,7 +10,7 @@ from estlab.cli import _comment, main
 from estlab.config import Data, Noise, Settings, build, key_paths, nearest
 from estlab.errors import UserError
 from estlab.filters.gaussian import GaussianFilter, extended
-from estlab.launch import conf_folder
+from estlab.paths import conf_folder
 from tests.conftest import composed, options, settings
 
 
@@ -71,7 +71,7 @@ def test_every_experiment_runs_tiny(experiment, tmp_path, monkeypatch):
             "filter.noise=adaptive",
             "filter.noise must be one of additive, augmented, got adaptive; did you mean additive?",
         ),
-        ("runs=0", "runs must be >= 1, got 0"),
+        ("runs=0", "runs must be from 1 to 1e9, got 0"),
         ("runs=2.5", "runs must be a whole number, got 2.5"),
         ("seed=-3", "seed must be >= 0, got -3"),
         ("plots=7", "plots must be true or false, got 7"),
@@ -79,7 +79,10 @@ def test_every_experiment_runs_tiny(experiment, tmp_path, monkeypatch):
         ("scenario.process_sd=[1,2]", "scenario.process_sd must have 6 numbers, got 2"),
         ("scenario.initial_sd=[2,5,-1,1,4,2]", "scenario.initial_sd[2] must be > 0"),
         ("scenario.process_sd=3", "scenario.process_sd must be a list, got 3"),
-        ("noise.truth.measurement_scale=-1", "noise.truth.measurement_scale must be > 0 and finite, got -1"),
+        (
+            "noise.truth.measurement_scale=-1",
+            "noise.truth.measurement_scale must be > 0 and between 1e-50 and 1e50, got -1",
+        ),
         ("scenario.truth=modle", "did you mean model?"),
         ("data=files", "data.path must be given"),
     ],

@@ -1,0 +1,47 @@
+"""A command line before Hydra sees it: what Hydra would take wrongly or say badly."""
+
+import re
+
+from estlab.errors import UserError
+
+_FLAGS = {
+    *("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r"),
+    *("--multirun", "-m", "--shell-completion", "-sc", "--config-path", "-cp", "--config-name", "-cn"),
+    *("--config-dir", "-cd", "--info", "-i"),
+}
+_WITH_VALUE = {"--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"}
+
+
+def prepared(arguments: list[str]) -> list[str]:
+    """The arguments as Hydra takes them.
+
+    Raises UserError for a flag that there is not, for an output that is no folder, and for a class outside Hydra in
+    Hydra's own configuration.
+    """
+    for i, argument in enumerate(arguments):
+        if argument.startswith("-") and argument.partition("=")[0] not in _FLAGS:
+            plain = argument.lstrip("-")
+            hint = f"write {plain} without dashes" if "=" in plain else "estlab run --hydra-help lists them"
+            raise UserError(f"there is no flag {argument}; {hint}")
+        if argument in _WITH_VALUE and i + 1 == len(arguments):
+            raise UserError(f"{argument} takes a value")
+        if re.fullmatch(r"output=(null|\[.*|\{.*|''|\"\"|)", argument):
+            raise UserError(f"{argument}: output must be a folder, for example output=runs")
+        if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
+            raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
+    return _several_filters(arguments)
+
+
+def _several_filters(arguments: list[str]) -> list[str]:
+    """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
+    written: list[str] = []
+    for argument in arguments:
+        if match := re.fullmatch(r"filter=\[([^\]]*)\]", argument):
+            names = [name.strip() for name in match[1].split(",") if name.strip()]
+            if len(names) != len(set(names)) or not names:
+                raise UserError(f"{argument}: name each filter once, for example filter=[ekf,ukf]")
+            written += [f"filter={names[0]}", *(f"+filter@filters.{name}={name}" for name in names)]
+            written.append(f"hydra.job.name={'-'.join(names)}")
+        else:
+            written.append(argument)
+    return written
