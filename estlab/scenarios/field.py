@@ -174,7 +174,7 @@ class Field(Scenario):
             files,
             places=self._places,
             shown={"commanded": self._obeyed(begin[:, 0], command)},
-            repeated=True,
+            repeated=bool(files),
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:

@@ -121,7 +121,7 @@ def test_a_bad_file_is_named_with_its_element(fault, capsys):
         ("scenario.measurement_sd=[1,1]", "scenario.measurement_sd must have 3 numbers, got 2"),
         ("scenario.process_sd=[0,1]", "scenario.process_sd[0] must be > 0"),
         ("scenario.found_radius=0", "scenario.found_radius must be > 0"),
-        ("scenario.duration=0.01", "scenario.duration must be at least one step of dt=0.1, got 0.01"),
+        ("scenario.duration=0.01", "scenario.duration must be from one to ten million steps of dt = 0.1 s, got 0.01"),
     ],
 )
 def test_a_number_out_of_range_is_one_line(override, message, capsys):

@@ -145,7 +145,7 @@ def test_a_known_robot_is_not_lost():
         ("scenario.landmarks=[[1,2,3]]", r"scenario.landmarks\[0\] must have 2 numbers, got 3"),
         ("scenario.box_high=[0,10]", r"scenario.box_high\[0\] must be > box_low\[0\]=0, got 0"),
         ("scenario.prior_sd=[1,1,0]", r"scenario.prior_sd\[2\] must be > 0"),
-        ("scenario.duration=0.01", "scenario.duration must be at least one step"),
+        ("scenario.duration=0.01", "scenario.duration must be from one to ten million steps"),
     ],
 )
 def test_a_wrong_value_is_named(override, message):
