@@ -60,12 +60,18 @@ def check(settings: Settings, names: Names) -> None:
         raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
     for name, filter in _filters(settings, names).items():
         key = f"filters.{name}" if settings.filters else "filter"
+        loop = _loop(settings, filter, np.empty((0, 1)))
         try:
-            _loop(settings, filter, np.empty((0, 1))).check(settings.smooth)
+            loop.check()
         except ValueError as error:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
             raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+        if settings.smooth:
+            try:
+                loop.check_smoother()
+            except ValueError as error:
+                raise UserError(f"smooth=true with {name}: {error}") from error
 
 
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> None:

@@ -132,37 +132,34 @@ def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
 def _check_values(
     paths: dict[str, Path], odometry: Array, measurement: Array, truth: Array, barcodes: Array, landmarks: Array
 ) -> None:
-    for kind, table, columns in (
-        ("Measurement", measurement, 2),
-        ("Barcodes", barcodes, 2),
-        ("Landmark_Groundtruth", landmarks, 1),
+    for kind, numbers in (
+        ("Measurement", measurement[:, 1:2]),
+        ("Barcodes", barcodes),
+        ("Landmark_Groundtruth", landmarks[:, :1]),
     ):
-        whole = table[:, :columns] if kind == "Barcodes" else table[:, columns - 1 : columns]
-        bad = np.flatnonzero(((whole != np.rint(whole)) | (np.abs(whole) > 1e9)).any(axis=1))
-        if bad.size:
-            raise UserError(
-                f"{paths[kind]}:{line_of_row(paths[kind], int(bad[0]))}: a subject or barcode is not a whole number"
-            )
-    subjects, count = np.unique(landmarks[:, 0], return_counts=True)
-    if count.max() > 1:
-        raise UserError(
-            f"{paths['Landmark_Groundtruth']}: subject {subjects[count.argmax()]:.0f} has two rows; leave one"
-        )
-    if truth.shape[0] < 2:
-        raise UserError(f"{paths['Groundtruth']}: one row only; at least two are needed to know the truth between them")
-    if odometry.shape[0] < 2:
-        raise UserError(f"{paths['Odometry']}: one row only; at least two are needed to know for how long to drive")
-    negative = np.flatnonzero(measurement[:, 2] < 0.0)
-    if negative.size:
-        path = paths["Measurement"]
-        raise UserError(
-            f"{path}:{line_of_row(path, int(negative[0]))}: range is negative; its columns are {' '.join(_MEASUREMENT)}"
-        )
-    codes, count = np.unique(barcodes[:, 1], return_counts=True)
-    if count.max() > 1:
-        raise UserError(
-            f"{paths['Barcodes']}: barcode {codes[count.argmax()]:.0f} belongs to two subjects; each needs its own"
-        )
+        broken = ((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)).any(axis=1)
+        _refuse(paths[kind], broken, "a subject or barcode is not a whole number")
+    _refuse(paths["Landmark_Groundtruth"], _again(landmarks[:, 0]), "this subject has a row already; leave one")
+    _refuse(paths["Barcodes"], _again(barcodes[:, 1]), "this barcode is another subject's already; each needs its own")
+    _refuse(
+        paths["Measurement"], measurement[:, 2] < 0.0, f"range is negative; the columns are {' '.join(_MEASUREMENT)}"
+    )
+    for kind, table in (("Groundtruth", truth), ("Odometry", odometry)):
+        if table.shape[0] < 2:
+            raise UserError(f"{paths[kind]}: one row only; at least two are needed to know what is between them")
+
+
+def _refuse(path: Path, rows: Array, why: str) -> None:
+    """Raise UserError for the first of these rows (N,), if there is one."""
+    if rows.any():
+        raise UserError(f"{path}:{line_of_row(path, int(np.flatnonzero(rows)[0]))}: {why}")
+
+
+def _again(values: Array) -> Array:
+    """(N,) true where a value has been there before."""
+    again = np.ones(values.size, dtype=bool)
+    again[np.unique(values, return_index=True)[1]] = False
+    return again
 
 
 def _check_barcodes(path: Path, barcodes: Path, codes: Array, known: set[int], unknown_share: float) -> tuple[str, ...]:

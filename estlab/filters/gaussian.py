@@ -33,8 +33,7 @@ class GaussianFilter(Filter):
     gate: float | None
 
     def __post_init__(self) -> None:
-        if self.gate is not None and not 0.0 < self.gate < 1.0:
-            raise ValueError(f"gate must lie between 0 and 1, or be null, got {self.gate:g}")
+        check_gate(self.gate)
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size
@@ -177,6 +176,12 @@ def unscented(
     """
     sets: dict[str, Transform] = {"merwe": Scaled(alpha, beta, kappa), "julier": Julier(kappa), "simplex": Simplex()}
     return GaussianFilter(sets[points], noise, gate)
+
+
+def check_gate(gate: float | None) -> None:
+    """Raise ValueError unless a gate is a probability or none."""
+    if gate is not None and not 0.0 < gate < 1.0:
+        raise ValueError(f"gate must lie between 0 and 1, or be null, got {gate:g}")
 
 
 def chi_square_quantile(share: float, freedom: Array) -> Array:

@@ -29,13 +29,16 @@ class Loop:
     ) -> None:
         self.filter, self.motion, self.sensor, self.scheme, self.pause = filter, motion, sensor, scheme, pause
 
-    def check(self, smoothed: bool) -> None:
-        """Raise ValueError if filter, models and scheme do not go together."""
+    def check(self) -> None:
+        """Raise ValueError, naming the filter's key, if filter and models do not go together."""
         self.filter.check(self.motion, self.sensor)
-        if smoothed and not isinstance(self.filter, GaussianFilter):
-            raise ValueError("the smoother is that of the Gaussian family (ekf, ukf, ckf, ...); set smooth=false")
-        if smoothed and self.scheme == "interleaved":
-            raise ValueError("the smoother knows no prediction between readings; set smooth=false or another update")
+
+    def check_smoother(self) -> None:
+        """Raise ValueError if there is no smoother for this filter and scheme."""
+        if not isinstance(self.filter, GaussianFilter):
+            raise ValueError("the smoother is that of the Gaussian family (ekf, ukf, ckf, ...), not of this filter")
+        if self.scheme == "interleaved":
+            raise ValueError("the smoother knows no prediction between readings; take another scenario.update")
 
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         """The belief after each step. draws: the filter's own streams. tick: called after every step."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
-from estlab.filters.gaussian import chi_square_quantile
+from estlab.filters.gaussian import check_gate, chi_square_quantile
 from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
@@ -43,8 +43,7 @@ class SquareRootFilter(Filter):
     gate: float | None
 
     def __post_init__(self) -> None:
-        if self.gate is not None and not 0.0 < self.gate < 1.0:
-            raise ValueError(f"gate must lie between 0 and 1, or be null, got {self.gate:g}")
+        check_gate(self.gate)
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size

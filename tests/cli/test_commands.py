@@ -167,6 +167,80 @@ def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message,
     assert text.count("\n") == 1
 
 
+def test_a_typing_error_removes_nothing_that_was_there(tmp_path):
+    (tmp_path / "kept").mkdir()
+    os.utime(tmp_path / "kept", (0, 0))
+    assert main(["run", "hydra.run.dir=.", "runs=0"]) == 2
+    assert main(["run", "hydra.run.dir=new", "runs=0"]) == 2
+    assert tmp_path.is_dir()
+    assert (tmp_path / "kept").is_dir()
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_reader_that_leaves_does_not_end_the_run():
+    command = (
+        f"{sys.executable} -m estlab run runs=2 steps=5 plots=false hydra.run.dir=piped | true; exit ${{PIPESTATUS[0]}}"
+    )
+    done = subprocess.run(
+        ["bash", "-c", command], stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert status(Path("piped"))["status"] == "ok"
+
+
+def test_several_filters_meet_the_same_truth_and_readings(capsys):
+    assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY]) == 0
+    assert latest().name.endswith("_landmark_ekf-ukf")
+    metrics = pd.read_csv(latest() / "metrics.csv")
+    assert list(dict.fromkeys(metrics["filter"])) == ["ekf", "ukf"]
+    together = dict(np.load(latest() / "estimates.npz"))
+    out = capsys.readouterr().out
+    assert "filters.ukf.alpha=0.5" in out
+    assert main(["run", "scenario=landmark", "filter=ekf", *TINY, "plots=false"]) == 0
+    alone = dict(np.load(latest() / "estimates.npz"))
+    np.testing.assert_array_equal(together["ekf.mean"], alone["mean"])
+    np.testing.assert_array_equal(together["values"], alone["values"])
+    assert main(["run", "filter=[ekf,ekf]"]) == 2
+    assert main(["run", "filter=[ekf,nope]"]) == 2
+
+
+def test_order_of_filters_changes_no_figure():
+    found = []
+    for names in ("pf,ukf", "ukf,pf"):
+        assert main(["run", "scenario=landmark", f"filter=[{names}]", *TINY, "plots=false"]) == 0
+        found.append(pd.read_csv(latest() / "metrics.csv").sort_values(["filter", "metric", "component"]))
+    np.testing.assert_array_equal(found[0]["value"].to_numpy(), found[1]["value"].to_numpy())
+
+
+def test_smoothing_is_a_second_set_of_tables(capsys):
+    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60"]) == 0
+    metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
+    assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
+    capsys.readouterr()
+    assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
+    assert capsys.readouterr().err.startswith(
+        "estlab: smooth=true with pf: the smoother is that of the Gaussian family"
+    )
+
+
+def test_gated_readings_are_counted(capsys):
+    arguments = ["scenario=landmark", "filter=ekf", "filter.gate=0.9", "runs=5", "steps=100", "plots=false"]
+    assert main(["run", *arguments]) == 0
+    count = int(re.search(r"(\d+) readings gated", capsys.readouterr().out)[1])
+    assert count > 0
+
+
+def test_repeats_of_one_recording_have_no_interval():
+    assert (
+        main(["run", "scenario=landmark", "data=files", f"data.path={ROOT}/data/landmark", "runs=3", "plots=false"])
+        == 0
+    )
+    metrics = pd.read_csv(latest() / "metrics.csv")
+    assert metrics["ci_low"].isna().all()
+    nees = pd.read_csv(latest() / "nees.csv")
+    assert nees["upper"].min() > 3.0, "the band of a single run"
+
+
 def test_a_directory_holds_one_run_only(capsys):
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 0
     before = {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}

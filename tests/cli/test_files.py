@@ -75,6 +75,14 @@ def test_the_files_read_are_on_record_with_their_hashes():
     assert all(entry["sha256"] == sha256((made / Path(entry["file"]).name).read_bytes()).hexdigest() for entry in data)
 
 
+def test_simulate_replaces_no_file_and_leaves_nothing_half_done(capsys):
+    made = simulate("landmark")
+    before = {path.name: path.read_bytes() for path in made.iterdir()}
+    assert main(["simulate", "scenario=landmark", "data.path=made", "seed=2"]) == 2
+    assert "made/Odometry.dat: is there already" in capsys.readouterr().err
+    assert before == {path.name: path.read_bytes() for path in made.iterdir()}
+
+
 def test_simulate_takes_a_prefix_and_files_are_found_by_it():
     simulate("landmark", "data.prefix=robot7_")
     assert run("landmark", "data.prefix=robot7_") == 0
@@ -86,6 +94,12 @@ def replace_line(name: str, number: int, line: str | None) -> None:
     lines = path.read_text().splitlines()
     lines[number - 1 : number] = [] if line is None else [line]
     path.write_text("\n".join(lines) + "\n")
+
+
+def replace_cell(name: str, number: int, column: int, text: str) -> None:
+    cells = (Path("made") / name).read_text().splitlines()[number - 1].split()
+    cells[column] = text
+    replace_line(name, number, " ".join(cells))
 
 
 def spoil_odometry(line: str | None) -> None:
@@ -128,6 +142,27 @@ FAULTS = {
     ),
     "binary": (lambda: Path("made/Odometry.dat").write_bytes(bytes(range(256))), "made/Odometry.dat"),
     "unknown barcodes": (unknown_barcodes, "is not in Barcodes.dat"),
+    "negative range": (
+        lambda: replace_cell("Measurement.dat", 9, 2, "-2.0"),
+        "made/Measurement.dat:9: range is negative",
+    ),
+    "barcode not whole": (
+        lambda: replace_cell("Measurement.dat", 9, 1, "63.5"),
+        "made/Measurement.dat:9: a subject or barcode is not a whole number",
+    ),
+    "barcode twice": (
+        lambda: replace_line("Barcodes.dat", 5, "8 63"),
+        "made/Barcodes.dat:5: this barcode is another subject's already",
+    ),
+    "landmark twice": (
+        lambda: replace_line("Landmark_Groundtruth.dat", 5, "6 1.0 1.0 0 0"),
+        "made/Landmark_Groundtruth.dat:5: this subject has a row already",
+    ),
+    "one row": (lambda: Path("made/Odometry.dat").write_text("0 1 0\n"), "made/Odometry.dat: one row only"),
+    "no reading in time": (
+        lambda: Path("made/Measurement.dat").write_text("-9 63 1 0\n"),
+        "made/Measurement.dat: no reading while the truth is known",
+    ),
     "no truth in time": (
         lambda: Path("made/Groundtruth.dat").write_text("900 0 0 0\n901 0 0 0\n"),
         "made/Groundtruth.dat: no trusted truth at any time of Odometry.dat",
