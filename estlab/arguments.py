@@ -36,12 +36,20 @@ def _several_filters(arguments: list[str]) -> list[str]:
     """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
     written: list[str] = []
     for argument in arguments:
-        if match := re.fullmatch(r"filter=\[([^\]]*)\]", argument):
-            names = [name.strip() for name in match[1].split(",") if name.strip()]
-            if len(names) != len(set(names)) or not names:
-                raise UserError(f"{argument}: name each filter once, for example filter=[ekf,ukf]")
-            written += [f"filter={names[0]}", *(f"+filter@filters.{name}={name}" for name in names)]
-            written.append(f"hydra.job.name={'-'.join(names)}")
-        else:
+        group, _, choice = argument.lstrip("+").partition("=")
+        if group == "scenario" and choice.startswith("["):
+            raise UserError(
+                f"{argument}: a run has one scenario; estlab sweep scenario=car,field takes several in turn"
+            )
+        if group != "filter" or (choice and "[" not in choice):
             written.append(argument)
+            continue
+        names = re.fullmatch(r"\[\s*((?!null\b)[\w./-]+(?:\s*,\s*(?!null\b)[\w./-]+)*)\s*\]", choice)
+        several = re.split(r"\s*,\s*", names[1]) if names else []
+        if not several or len(several) != len(set(several)):
+            raise UserError(
+                f"{argument}: name each filter once in one list, as filter=[ekf,ukf]; lists cannot be swept"
+            )
+        written += [f"filter={several[0]}", *(f"+filter@filters.{name}={name}" for name in several)]
+        written.append(f"hydra.job.name={'-'.join(several)}")
     return written

@@ -64,7 +64,7 @@ def _dispatch(arguments: list[str]) -> int:
     elif command == "simulate":
         if {"-m", "--multirun"} & set(rest):
             raise UserError("estlab simulate writes one data set; leave out --multirun")
-        if not any(word.startswith(("data.path=", "-")) for word in rest):
+        if not any(re.match(r"data\.path=.|-", word) for word in rest):
             raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
         # It makes no run directory, so Hydra's is where the user stands.
         return launch(["hydra.run.dir=.", *rest], simulate_job)

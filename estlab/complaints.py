@@ -20,6 +20,9 @@ def one_line(error: Exception, arguments: list[str]) -> str:
         if wrong == "experiment":
             return f"write +{written}: an experiment is added to the configuration"
         known = _known_keys(arguments)
+        if among := re.match(r"filters\.(\w+)\.", wrong):
+            alone = unknown_key(wrong.replace(among[0], "filter."), known)
+            return re.sub(r"\bfilter\.", among[0], alone)
         return f"{wrong} is not a key of every job here" if wrong in known else unknown_key(wrong, known)
     if match := re.search(
         r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*?)\s*(?:Config search path|$))?",

@@ -148,6 +148,10 @@ def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     if hydra.job.chdir and plain["data"]["path"]:
         plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
+    given = [word for word in hydra.overrides.task if word.startswith("filter=")]
+    if plain["filters"] and given and not any("filter@filters" in word for word in hydra.overrides.task):
+        theirs = ",".join(plain["filters"])
+        raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
     changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.

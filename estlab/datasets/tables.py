@@ -63,6 +63,12 @@ def _shortest(value: float) -> str:
     return str(int(value)) if value.is_integer() and abs(value) < 1e6 else repr(value)
 
 
+def _shown(cell: str) -> str:
+    """A cell in quotes, short and of plain signs, whatever is in it."""
+    plain = cell if cell.isascii() and cell.isprintable() else ascii(cell)[1:-1]
+    return f"'{plain[:30]}'" + ("..." if len(plain) > 30 else "")
+
+
 def _data_lines(path: Path, delimiter: str | None = None) -> Iterator[tuple[int, list[str]]]:
     with open(path, encoding="utf-8", errors="replace") as stream:
         for number, line in enumerate(stream, start=1):
@@ -80,7 +86,7 @@ def _first_fault(path: Path, columns: tuple[str, ...], delimiter: str | None) ->
             try:
                 finite = math.isfinite(float(cell))
             except ValueError:
-                return f"{path}:{number}: {name} is '{cell}', not a number; {expected}"
+                return f"{path}:{number}: {name} is {_shown(cell)}, not a number; {expected}"
             if not finite:
                 return f"{path}:{number}: {name} is {cell}; remove the row, a gap is better than a guess"
     return f"{path}: not a text table of numbers; {expected}"

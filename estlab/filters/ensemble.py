@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
 from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose
+from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose, without
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
@@ -40,8 +40,8 @@ class EnsembleFilter(Filter):
     inflation: float
 
     def __post_init__(self) -> None:
-        if self.members < 2:
-            raise ValueError(f"members must be >= 2, got {self.members}")
+        if not 2 <= self.members <= 20_000_000:
+            raise ValueError(f"members must be from 2 to 2e7, got {self.members}")
         if not self.inflation >= 1.0:
             raise ValueError(f"inflation must be >= 1, got {self.inflation:g}")
 
@@ -70,8 +70,7 @@ class EnsembleFilter(Filter):
         blur = matmul(cholesky(sensor.noise_cov), belief.draws.normals((m, self.members)))
         missing = np.isnan(reading)
         of_value = np.where(missing[:, None], 0.0, of_value)
-        either = missing[:, None] | missing[None]
-        noise_cov = np.where(either, np.eye(m)[..., None], sensor.noise_cov[..., None])
+        noise_cov = without(sensor.noise_cov, missing)
         factor = cholesky(gram(of_value) / (self.members - 1) + noise_cov)
         gain = solve_lower(factor, gram(of_value, of_state) / (self.members - 1))
         innovation = np.where(missing, 0.0, sensor.space.minus(reading, mean))

@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior, no_fit
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, gram, sandwich, solve_lower, symmetric, transpose
+from estlab.maths.linalg import cholesky, gram, sandwich, solve_lower, symmetric, transpose, without
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
@@ -66,7 +66,7 @@ class GaussianFilter(Filter):
         return moments._replace(cov=moments.cov + sandwich(slope, noise_cov))
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        return self.condition(sensor, belief, self.predicted(sensor, belief, place), reading)
+        return self.condition(sensor, belief, self.predicted(sensor, belief, place), reading, self.gate)
 
     def predicted(self, sensor: Sensor, belief: Gaussian, place: Array) -> Moments:
         """Mean and covariance of the reading to come, noise included, and its cross-covariance with the state."""
@@ -77,7 +77,9 @@ class GaussianFilter(Filter):
         moments = self.transform(sensor.function(place), belief)
         return moments._replace(cov=moments.cov + sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1))
 
-    def condition(self, sensor: Sensor, belief: Gaussian, predicted: Moments, reading: Array) -> tuple[Gaussian, Fit]:
+    def condition(
+        self, sensor: Sensor, belief: Gaussian, predicted: Moments, reading: Array, gate: float | None
+    ) -> tuple[Gaussian, Fit]:
         """The one gain: a belief given a reading, from the joint moments of both."""
         cross, innovation_cov = predicted.cross, predicted.cov
         residual = sensor.space.minus(reading, predicted.mean)
@@ -91,7 +93,7 @@ class GaussianFilter(Filter):
         whitened = solve_lower(factor, residual[:, None])[:, 0]
         size = (~missing).sum(axis=0)
         nis = np.einsum("i...,i...->...", whitened, whitened)
-        refused = np.zeros(nis.shape, dtype=bool) if self.gate is None else nis > chi_square_quantile(self.gate, size)
+        refused = np.zeros(nis.shape, dtype=bool) if gate is None else nis > chi_square_quantile(gate, size)
         if refused.any():
             gain, whitened = np.where(refused, 0.0, gain), np.where(refused, 0.0, whitened)
             nis, size = np.where(refused, 0.0, nis), np.where(refused, 0, size)
@@ -122,8 +124,8 @@ class IteratedFilter(GaussianFilter):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.iterations < 1:
-            raise ValueError(f"iterations must be >= 1, got {self.iterations}")
+        if not 1 <= self.iterations <= 1000:
+            raise ValueError(f"iterations must be from 1 to 1000, got {self.iterations}")
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
         found, fit = super().update(sensor, belief, reading, place)
@@ -131,7 +133,8 @@ class IteratedFilter(GaussianFilter):
         for _ in range(self.iterations - 1):
             offset = sensor.state.minus(belief.mean, found.mean)
             moments = Linearised().about(sensor.function(place), belief, found.mean, offset)
-            again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading)
+            # What passed the gate once is not asked again.
+            again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading, None)
             refused = fit.gated.astype(bool)
             found = Gaussian(np.where(refused, found.mean, again.mean), np.where(refused, found.cov, again.cov))
         return found, fit
@@ -196,6 +199,4 @@ def _without(missing: Array, cross: Array, innovation_cov: Array, residual: Arra
 
     Exactly the update with the rows left out, yet of one shape for all runs.
     """
-    either = missing[:, None] | missing[None, :]
-    identity = np.eye(missing.shape[0]).reshape(*either.shape[:2], 1)
-    return np.where(missing, 0.0, cross), np.where(either, identity, innovation_cov), np.where(missing, 0.0, residual)
+    return np.where(missing, 0.0, cross), without(innovation_cov, missing), np.where(missing, 0.0, residual)

@@ -21,7 +21,7 @@ class Loop:
 
     scheme: what to do with several readings at one time: one after another, as one long reading, or one after another
     with a prediction of ``pause`` [s] at zero command between.
-    A belief that stops being one becomes NaN and stays so; the other runs go on.
+    A Gaussian belief that stops being one becomes NaN and stays so; the other runs go on.
     """
 
     def __init__(
@@ -32,6 +32,10 @@ class Loop:
     def check(self) -> None:
         """Raise ValueError, naming the filter's key, if filter and models do not go together."""
         self.filter.check(self.motion, self.sensor)
+        if self.scheme == "stacked" and getattr(self.filter, "gate", None) is not None:
+            raise ValueError(
+                "gate would refuse all of a time's readings for one; take scenario.update=sequential with it"
+            )
 
     def check_smoother(self) -> None:
         """Raise ValueError if there is no smoother for this filter and scheme."""

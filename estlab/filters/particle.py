@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior
 from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower
+from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, without
 from estlab.maths.resampling import Scheme, effective_size, log_normalised, resample
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
@@ -74,11 +74,12 @@ class ParticleFilter(Filter):
     roughening: >= 0, noise after resampling as a share of the cloud's range times N^(-1/n); Gordon et al., section 4.
     injection: share of the particles drawn anew from the prior at each resampling.
     bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud;
-    Musso, Oudjane and Le Gland 2001, section 12.2.3.
+    Musso, Oudjane and Le Gland 2001, section 12.2.3, with the shrinkage of Liu and West 2001, section 10.3.2.
     ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction fits the
     reading; Pitt and Shephard 1999.
-    recovery: what to do when every weight has vanished: ``flatten`` forgets the reading, ``redraw`` begins again from
-    the prior.
+    recovery: what to do when every log-weight is -inf, as where a reading or a model is not finite: ``flatten`` forgets
+    the reading, ``redraw`` begins again from the prior. However small, a likelihood is none of these: the particle
+    nearest the reading then has all the weight.
     """
 
     particles: int
@@ -91,8 +92,8 @@ class ParticleFilter(Filter):
     recovery: Literal["flatten", "redraw"]
 
     def __post_init__(self) -> None:
-        if self.particles < 2:
-            raise ValueError(f"particles must be >= 2, got {self.particles}")
+        if not 2 <= self.particles <= 20_000_000:
+            raise ValueError(f"particles must be from 2 to 2e7, got {self.particles}")
         for name in ("threshold", "injection"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} must be a share from 0 to 1, got {getattr(self, name):g}")
@@ -154,14 +155,18 @@ class ParticleFilter(Filter):
         chosen = np.take_along_axis(cloud, resample(self.resampling, weights, draws)[None], axis=1)
         n = cloud.shape[0]
         if self.roughening > 0.0:
-            wide = np.ptp(cloud, axis=1)[:, None]
+            about = motion.space.mean(cloud, weights)[:, None]
+            wide = np.ptp(motion.space.minus(cloud, about), axis=1)[:, None]  # round the mean: a heading has no ends
             chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * draws.normals(chosen.shape[:2])
         if self.bandwidth > 0.0:
             moments = self.moments(belief._replace(points=cloud, log_weights=belief.log_weights[:, few]), motion)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
-            # A cloud in one point has no width to smooth by.
-            root = np.nan_to_num(cholesky(moments.cov), nan=0.0)
-            chosen = chosen + self.bandwidth * best * matmul(root, draws.normals(chosen.shape[:2]))
+            width = min(self.bandwidth * best, 1.0)
+            # Drawn toward the mean by as much as the kernel spreads, so that the covariance stays. A cloud in one
+            # point has no width to smooth by.
+            about = moments.mean[:, None]
+            kernel = matmul(np.nan_to_num(cholesky(moments.cov), nan=0.0), draws.normals(chosen.shape[:2]))
+            chosen = about + np.sqrt(1.0 - width**2) * motion.space.minus(chosen, about) + width * kernel
         if self.injection > 0.0:
             fresh = belief.prior.of(few).sample(draws, self.particles)
             replaced = draws.uniforms((self.particles,)) < self.injection
@@ -190,9 +195,10 @@ class ParticleFilter(Filter):
 def _log_likelihood(sensor: Sensor, points: Array, reading: Array, place: Array) -> Array:
     """log p(reading | point) up to a constant, (N, runs); a missing number says nothing."""
     residual = sensor.space.minus(reading[:, None], sensor.read(points, place))
-    residual = np.where(np.isnan(reading)[:, None], 0.0, residual)
-    m = residual.shape[0]
-    whitened = solve_lower(cholesky(sensor.noise_cov).reshape(m, m, 1), residual)
+    missing = np.isnan(reading)
+    residual = np.where(missing[:, None], 0.0, residual)
+    factor = cholesky(without(sensor.noise_cov, missing))
+    whitened = solve_lower(factor[:, :, None], residual[:, None])[:, 0]
     return -0.5 * np.einsum("i...,i...->...", whitened, whitened)
 
 
@@ -203,9 +209,7 @@ def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit
     mean = sensor.space.mean(expected, weights)
     spread = sensor.space.minus(expected, mean[:, None])
     missing = np.isnan(reading)
-    m = reading.shape[0]
-    cov = gram(weights * spread, spread) + sensor.noise_cov[..., None]
-    cov = np.where(missing[:, None] | missing[None], np.eye(m)[..., None], cov)
+    cov = without(gram(weights * spread, spread) + sensor.noise_cov[..., None], missing)
     residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
     whitened = solve_lower(cholesky(cov), residual[:, None])[:, 0]
     size = (~missing).sum(axis=0)

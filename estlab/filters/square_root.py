@@ -8,7 +8,7 @@ import numpy as np
 from estlab.filters.contract import Filter, Fit, Prior
 from estlab.filters.gaussian import check_gate, chi_square_quantile
 from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose
+from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose, without
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
@@ -69,8 +69,7 @@ class SquareRootFilter(Filter):
         missing = np.isnan(reading)
         # A missing number gets no deviation and unit noise: it is independent of the state.
         of_value = np.where(missing[:, None], 0.0, of_value)
-        noise = np.broadcast_to(cholesky(sensor.noise_cov)[..., None], (m, m, runs))
-        noise = np.where(missing[:, None] | missing[None], np.eye(m)[..., None], noise)
+        noise = np.broadcast_to(cholesky(without(sensor.noise_cov, missing)), (m, m, runs))
         residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
         factor = triangle(np.concatenate([of_value, noise], axis=1))
         whitened = solve_lower(factor, residual[:, None])[:, 0]

@@ -41,7 +41,7 @@ def symmetric(p: Array) -> Array:
 
 
 def cholesky(p: Array) -> Array:
-    """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive definite.
+    """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive definite but for rows of zeros.
 
     Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle.
     """
@@ -51,6 +51,9 @@ def cholesky(p: Array) -> Array:
         column = p[j:, j] - np.einsum("ik...,k...->i...", factor[j:, :j], factor[j, :j])
         pivot = np.sqrt(np.where(column[0] > 0.0, column[0], np.nan))
         factor[j:, j] = column / pivot
+        if (column[0] == 0.0).any():
+            # What has no variance at all, such as a noise that is off, has a factor too: nothing.
+            factor[j:, j] = np.where((column == 0.0).all(axis=0), 0.0, factor[j:, j])
     if n == 0:
         return factor
     # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
@@ -76,6 +79,15 @@ def solve_lower_transposed(factor: Array, b: Array) -> Array:
         known = np.einsum("j...,jk...->k...", factor[i + 1 :, i], solution[i + 1 :])
         solution[i] = (b[i] - known) / factor[i, i]
     return solution
+
+
+def without(cov: Array, missing: Array) -> Array:
+    """A covariance (m, m, runs or nothing) in which what is missing (m, runs) is independent and of unit variance."""
+    whole = cov if cov.ndim > 2 else cov[..., None]
+    if not missing.any():
+        return whole
+    either = missing[:, None] | missing[None, :]
+    return np.where(either, np.eye(missing.shape[0])[..., None], whole)
 
 
 def diagonal(values: Array) -> Array:

@@ -42,6 +42,19 @@ def positive_interval(values: Array) -> Estimate:
     return Estimate(mean, mean / stretch, mean * stretch, n)
 
 
+def share_interval(hits: Array) -> Estimate:
+    """Wilson's interval for the share of independent runs (runs,) in which something holds. Brown et al. 2001."""
+    from scipy.special import ndtri
+
+    n = hits.size
+    if n == 0:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    share, z2 = float(hits.mean()), float(ndtri(0.5 + LEVEL / 2.0)) ** 2
+    middle = (share + z2 / (2 * n)) / (1 + z2 / n)
+    half = np.sqrt(z2 * (share * (1 - share) / n + z2 / (4 * n * n))) / (1 + z2 / n)
+    return Estimate(share, middle - half, middle + half, n)
+
+
 def chi_square_band(freedom: Array) -> tuple[Array, Array]:
     """Where a chi-square over its degrees of freedom lies with 95 %: lower and upper, NaN for no freedom.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array, Space
-from estlab.metrics.intervals import Estimate, chi_square_band, mean_interval, positive_interval
+from estlab.metrics.intervals import Estimate, chi_square_band, mean_interval, positive_interval, share_interval
 from estlab.record import Estimates, Record
 
 Columns = dict[str, Array]
@@ -42,7 +42,8 @@ class Tally:
         whitened = solve_lower(factor, error[:, None])[:, 0]
         nees = np.einsum("i...,i...->...", whitened, whitened)
         # Not finite, or not positive definite: such a belief is none.
-        broken = ~(np.isfinite(factor[-1, -1]) & np.isfinite(estimates.mean).all(0))
+        definite = (np.einsum("ii...->i...", factor) > 0.0).all(0)
+        broken = ~(definite & np.isfinite(estimates.mean).all(0))
         scored = np.isfinite(error) & np.isfinite(sigma)
         inside = scored & (np.abs(error) <= 3.0 * sigma)
         whole = np.isfinite(nees)
@@ -63,10 +64,13 @@ class Tally:
             nis_runs=(size > 0).sum(-1),
         )
         self._add_sums(**{f"note_{name}": values.sum(-1) for name, values in estimates.notes.items()})
-        self._add_runs(**{f"note_{name}": values.sum(0) for name, values in estimates.notes.items()})
+        if "ess" in estimates.notes:
+            # Of the steps with readings, after which alone weights differ; of all where there are none.
+            read = size > 0 if size.any() else np.ones(size.shape, dtype=bool)
+            self._add_runs(ess=_ratio(_total(estimates.notes["ess"], read, 0), read.sum(0)))
         count = scored.sum(1)
         self._add_runs(
-            rmse=_ratio(_total(error**2, scored, 1), count),
+            mean_square=_ratio(_total(error**2, scored, 1), count),
             mean_error=_ratio(_total(error, scored, 1), count),
             median_abs_error=_median(np.where(scored, np.abs(error), np.nan)),
             mean_sigma=_ratio(_total(sigma, scored, 1), count),
@@ -82,7 +86,7 @@ class Tally:
             distance2 = np.where(scored[at].all(0), (error[at] ** 2).sum(0), np.nan)
             known = np.isfinite(distance2)
             self._add_runs(
-                position_rmse=_ratio(_total(distance2, known, 0), known.sum(0)),
+                position_square=_ratio(_total(distance2, known, 0), known.sum(0)),
                 position_median=_median(np.sqrt(distance2)),
                 position_scored=(lapse * known).sum(0),
             )
@@ -191,13 +195,18 @@ class Tally:
 
         for metric in ("rmse", "median_abs_error", "mean_error", "mean_sigma", "inside_3sigma", "scored"):
             share = metric in ("inside_3sigma", "scored")
-            for name, unit, values in zip(self.space.names, self.space.units, self._runs(metric), strict=True):
+            for name, unit, values in zip(
+                self.space.names,
+                self.space.units,
+                self._runs("mean_square" if metric == "rmse" else metric),
+                strict=True,
+            ):
                 found = positive_interval(values) if metric == "rmse" else mean_interval(values)
                 finish = _root if metric == "rmse" else _share if share else _same
                 row(metric, name, "" if share else unit, finish(found))
         if self.space.position:
             unit = self.space.units[self.space.position[0]]
-            row("rmse", "position", unit, _root(positive_interval(self._runs("position_rmse"))))
+            row("rmse", "position", unit, _root(positive_interval(self._runs("position_square"))))
             row("median_abs_error", "position", unit, mean_interval(self._runs("position_median")))
             row("scored", "position", "", _share(mean_interval(self._runs("position_scored"))))
         row("scored", "all", "", _share(mean_interval(self._runs("nees_scored"))))
@@ -209,10 +218,10 @@ class Tally:
                 total = int(self.sums[f"note_{name}"].sum())
                 row(name, "all", "readings", Estimate(total, np.nan, np.nan, self.diverged.size))
         if "note_ess" in self.sums:
-            row("ess", "all", "particles", mean_interval(self._runs("note_ess") / self.time.size))
+            row("ess", "all", "particles", mean_interval(self._runs("ess")))
         if self.found_within is not None:
             when = self._runs("found_time")
-            row("found", "position", "", _share(mean_interval(np.isfinite(when).astype(float))))
+            row("found", "position", "", share_interval(np.isfinite(when)))
             row("found_time", "position", "s", mean_interval(when))
         row("diverged", "all", "runs", Estimate(int(self.diverged.sum()), np.nan, np.nan, self.diverged.size))
         return rows
@@ -258,4 +267,5 @@ def _root(estimate: Estimate) -> Estimate:
 
 def _share(estimate: Estimate) -> Estimate:
     value, low, high, n = estimate
+    value = min(value, 1.0)  # a sum of shares of time may be one and a last bit
     return Estimate(value, max(low, 0.0) if np.isfinite(low) else low, min(high, 1.0) if np.isfinite(high) else high, n)

@@ -1,5 +1,6 @@
 """The pictures of a run, drawn from its directory."""
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -162,8 +163,8 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
-    figure.suptitle(f"{title} · run 0")
-    _legend_below(figure, axes, columns=3)
+    _title(figure, f"{title} · run 0")
+    _legend_below(figure, axes)
     return figure
 
 
@@ -174,7 +175,7 @@ def _figure(rows: int, title: str, height: float) -> tuple["Figure", list["Axes"
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     for axes in panels:
         axes.grid(alpha=0.3)
-    figure.suptitle(title)
+    _title(figure, title)
     return figure, list(panels)
 
 
@@ -182,9 +183,15 @@ def _colours(count: int) -> list[str]:
     return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
 
 
-def _legend_below(figure: "Figure", axes: "Axes", columns: int = 4) -> None:
+def _legend_below(figure: "Figure", axes: "Axes") -> None:
+    """A legend under the panels, in as many columns as its longest entry leaves room for."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
+    columns = max(1, int(14.0 * _WIDTH / (max(map(len, labels), default=1) + 8)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 5), frameon=False, fontsize="small")
+
+
+def _title(figure: "Figure", title: str) -> None:
+    figure.suptitle(textwrap.fill(title, 90), fontsize="large")
 
 
 def _broken_at_gaps(rows: "DataFrame") -> "DataFrame":

@@ -27,7 +27,7 @@ class _Console(Console):
 def console() -> Console:
     """Standard output; wide enough for the tables where it is not a terminal."""
     out = _Console(highlight=False)
-    return out if out.is_terminal else _Console(highlight=False, width=120, color_system=None)
+    return out if out.is_terminal else _Console(highlight=False, width=240, color_system=None)
 
 
 @contextmanager

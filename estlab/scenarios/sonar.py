@@ -104,7 +104,7 @@ class Sonar(Scenario):
         if beacons.ndim != 2 or beacons.shape[0] < sonar.HEARD or beacons.shape[1] != 2:
             raise UserError(f"{data}: beacons must be {sonar.HEARD} or more rows x y; it is {beacons.shape}")
         bounds = np.array([_number(data, name) for name in _BOUNDS])
-        if not (bounds[0] < bounds[1] and bounds[2] < bounds[3]):
+        if not (bounds[0] < bounds[1] and bounds[2] < bounds[3] and np.abs(bounds).max() < 1e9):
             raise UserError(f"{data}: minx {bounds[0]:g} must be below maxx {bounds[1]:g}, miny {bounds[2]:g} below "
                             f"maxy {bounds[3]:g}")  # fmt: skip
         time = matlab.read_times(states, "x", self.dt * np.arange(1, encoder.shape[1] + 1))

@@ -193,3 +193,65 @@ def test_extended_with_augmented_noise_is_extended():
     record = linear.record(range(2))
     one, other = (estimate(extended(n, None), linear.MOTION, linear.SENSOR, record) for n in ("additive", "augmented"))
     np.testing.assert_allclose(one.mean, other.mean, atol=1e-12)
+
+
+def _correlated():
+    prior = Gaussian(np.zeros((3, 1)), linear.P0)
+    noise = np.array([[1.0, 0.9], [0.9, 1.0]])
+    return prior, replace(linear.SENSOR, noise_cov=noise)
+
+
+@pytest.mark.parametrize("name", ["srukf", "srckf", "enkf", "pf"])
+@pytest.mark.parametrize("missing", [0, 1])
+def test_a_missing_number_says_nothing_where_noises_are_correlated(name, missing):
+    """The other filters' answer to a reading with a hole is near the EKF's, whose masked update is exact."""
+    prior, sensor = _correlated()
+    reading = np.array([[1.0], [0.7]])
+    reading[missing] = np.nan
+    more = {"enkf": ["filter.members=20000"], "pf": ["filter.particles=40000"]}.get(name, [])
+    found = []
+    for chosen in (settings(f"filter={name}", *more).filter, settings("filter=ekf").filter):
+        belief = chosen.start(prior, Streams(1, "test").draws("hole", [0]))
+        belief, fit = chosen.update(sensor, belief, reading, np.empty((0, 1)))
+        assert fit.size == 1
+        found.append(chosen.moments(belief, linear.MOTION))
+    tolerance = 1e-10 if name.startswith("sr") else 0.04
+    np.testing.assert_allclose(found[0].mean, found[1].mean, atol=tolerance)
+    np.testing.assert_allclose(found[0].cov, found[1].cov, atol=tolerance)
+
+
+def test_an_iterated_update_asks_the_gate_once():
+    """Readings that pass about the prediction are used, however many iterations follow."""
+    bent = Sensor(linear.READING, linear.STATE, lambda x, _: (x[0] ** 2, x[1]), np.diag([0.1, 1.0]), np.empty((0, 1)))
+    belief = Gaussian(np.array([[1.5], [0.0], [0.0]]), np.diag([1.0, 1.0, 1.0])[..., None])
+    found = []
+    for iterations in (1, 2, 3, 4, 5):
+        chosen = settings("filter=iekf", "filter.gate=0.95", f"filter.iterations={iterations}").filter
+        after, fit = chosen.update(bent, belief, np.array([[-1.0], [0.0]]), np.empty((0, 1)))
+        assert fit.gated == 0
+        found.append(after.mean[0, 0])
+    assert 1.5 not in found
+
+
+def test_roughening_does_not_depend_on_where_the_heading_is_cut():
+    experiment = settings("scenario=landmark", "filter=pf", "filter.roughening=0.2", "filter.threshold=1")
+    motion = experiment.scenario.motion(experiment.noise.filter)
+    spread = []
+    for heading in (0.0, np.pi):
+        prior = Gaussian(np.array([[0.0], [0.0], [heading]]), np.diag([1e-4, 1e-4, 1e-4]))
+        belief = experiment.filter.start(prior, Streams(1, "test").draws("rough", [0]))
+        belief = belief._replace(points=motion.space.wrapped(belief.points))
+        weights = np.zeros((1000, 1))
+        weights[:500] = 1.0 / 500
+        with np.errstate(divide="ignore"):
+            belief = belief._replace(log_weights=np.log(weights))
+        after = experiment.filter.predict(motion, belief, np.zeros((2, 1)), 1e-9)
+        spread.append(np.sqrt(experiment.filter.moments(after, motion).cov[2, 2, 0]))
+    np.testing.assert_allclose(spread[0], spread[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ukf", "pf", "ckf", "enkf", "srukf"])
+def test_a_noise_that_is_off_is_no_trouble(name):
+    still = replace(linear.MOTION, noise_cov=lambda control, dt: np.zeros((2, 2)))
+    found = estimate(settings(f"filter={name}").filter, still, linear.SENSOR, linear.record(range(2), steps=5))
+    assert np.isfinite(found.mean).all()
