@@ -36,12 +36,12 @@ def _several_filters(arguments: list[str]) -> list[str]:
     """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
     written: list[str] = []
     for argument in arguments:
-        group, _, choice = argument.lstrip("+").partition("=")
+        group, equals, choice = argument.lstrip("+").partition("=")
         if group == "scenario" and choice.startswith("["):
             raise UserError(
                 f"{argument}: a run has one scenario; estlab sweep scenario=car,field takes several in turn"
             )
-        if group != "filter" or (choice and "[" not in choice):
+        if group != "filter" or not equals or (choice and "[" not in choice):
             written.append(argument)
             continue
         names = re.fullmatch(r"\[\s*((?!null\b)[\w./-]+(?:\s*,\s*(?!null\b)[\w./-]+)*)\s*\]", choice)
