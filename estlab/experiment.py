@@ -130,9 +130,11 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
         raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
     folder = Path(settings.data.path)
     record = _record(settings, names, range(1))
+    ours = not folder.exists()
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         # All files beside their places first: a full disk or a file that is there already leaves nothing half done.
-        with tempfile.TemporaryDirectory(dir=_made(folder), prefix=".simulated-") as aside:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".simulated-") as aside:
             written = settings.scenario.write(record, Path(aside), settings.data.prefix)
             taken = [path.name for path in written if (folder / path.name).exists()]
             if taken:
@@ -143,13 +145,9 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another data.path") from error
     finally:
-        with contextlib.suppress(OSError):
-            folder.rmdir()  # only if nothing came of it
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+        if ours:
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # nothing came of it: else it is not empty, and stays
 
 
 def _filters(settings: Settings, names: Names) -> dict[str, Filter]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SPEED, HEADING, LENGTH, WIDTH = 2, 3, 4, 5
+SPEED, HEADING, LENGTH = 2, 3, 4  # length and width are the last two
 
 # The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, out of its way,
 # past it, round behind it and away.

@@ -83,6 +83,15 @@ def test_simulate_replaces_no_file_and_leaves_nothing_half_done(capsys):
     assert before == {path.name: path.read_bytes() for path in made.iterdir()}
 
 
+def test_simulate_leaves_an_empty_folder_that_was_there(capsys):
+    Path("mine").mkdir()
+    for folder in ("mine", "new"):
+        assert main(["simulate", "scenario=radar", f"data.path={folder}"]) == 2
+        assert "Radar has no file layout to write" in capsys.readouterr().err
+    assert Path("mine").is_dir()
+    assert not Path("new").exists()
+
+
 def test_simulate_takes_a_prefix_and_files_are_found_by_it():
     simulate("landmark", "data.prefix=robot7_")
     assert run("landmark", "data.prefix=robot7_") == 0
