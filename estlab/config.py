@@ -17,6 +17,7 @@ from typing import Any, Literal, Union
 
 from estlab.errors import UserError
 from estlab.filters.contract import Filter
+from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.contract import Scales, Scenario
 
 Node = Mapping[str, Any]
@@ -49,11 +50,13 @@ class Settings:
     noise: Noise
     data: Data
     runs: int
+    run_index: int | None
     steps: int | None
     seed: int
     keep_runs: int
     block_runs: int
     smooth: bool
+    verdict: Tolerance
     plots: bool
     output: str
     plugins: list[str]
@@ -63,8 +66,15 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:
                 raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
-        if self.seed < 0:
-            raise ValueError(f"seed must be >= 0, got {self.seed}")
+        for name in ("seed", "run_index"):
+            value = getattr(self, name)
+            if value is not None and value < 0:
+                raise ValueError(f"{name} must be >= 0, got {value}")
+
+    @property
+    def run_numbers(self) -> range:
+        """The numbers of the runs: from 0 on, or the one that is asked for alone."""
+        return range(self.runs) if self.run_index is None else range(self.run_index, self.run_index + 1)
 
 
 def build(config: Node) -> Settings:

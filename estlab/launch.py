@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from estlab.config import Settings
-    from estlab.experiment import Names
+    from estlab.ensemble import Names
 
 _BEGAN = time.time()
 
@@ -139,7 +139,7 @@ def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     from omegaconf import OmegaConf
 
     from estlab.config import build
-    from estlab.experiment import Names
+    from estlab.ensemble import Names
 
     hydra = HydraConfig.get()
     if config.get("plugins"):

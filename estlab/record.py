@@ -83,13 +83,14 @@ class Record:
 class Estimates:
     """A filter's belief after each step, and how the readings fitted.
 
-    mean: (n, T, runs). cov: (n, n, T, runs). nis: (T, runs), the normalised innovation squared summed over the step's
-    readings. nis_size: (T, runs), how many numbers were measured, the degrees of freedom of nis.
+    mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
+    whitened, NaN where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
+    covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     """
 
     mean: Array
     cov: Array
-    nis: Array
-    nis_size: Array
+    whitened: Array
+    sample: Array | None
     notes: dict[str, Array]

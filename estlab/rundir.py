@@ -25,6 +25,8 @@ State = Literal["running", "ok", "failed", "interrupted"]
 
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
 ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
+TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
+COMPARISON = "comparison.csv"
 ESTIMATES, PLOTS = "estimates.npz", "plots"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")

@@ -9,6 +9,7 @@ from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 
 STATE = Space(("position", "velocity", "bias"), ("m", "m/s", "m"))
+space = STATE  # as a scenario has it
 READING = Space(("sum", "position"), ("m", "m"))
 A = np.array([[1.0, 0.1, 0.0], [0.0, 0.98, 0.0], [0.0, 0.0, 0.95]])
 G = np.array([[0.005, 0.0], [0.1, 0.0], [0.0, 0.3]])

@@ -56,8 +56,10 @@ class Car(Scenario):
     lidar_bearing_sd: float
     acceleration_sd: float
     turn_rate_sd: float
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_duration(self.duration, self.dt)
         check_positive(smallest=self.smallest)
         check_positive(lidar_range_sd=self.lidar_range_sd, lidar_bearing_sd=self.lidar_bearing_sd)
@@ -67,6 +69,10 @@ class Car(Scenario):
         check_sds("initial_sd", self.initial_sd, 6)
         if len(self.initial_mean) != 6:
             raise ValueError(f"initial_mean must have 6 numbers, got {len(self.initial_mean)}")
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -159,7 +165,7 @@ class Car(Scenario):
         axes.set_xlabel("x [m]")
         axes.set_ylabel("y [m]")
         axes.grid(alpha=0.3)
-        axes.set_title("run 0 within 30 m of the LIDAR")
+        axes.set_title(f"run {history.run} within 30 m of the LIDAR")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
         return {"passing.png": figure}
 

@@ -50,8 +50,10 @@ class Epuck(Scenario):
     alpha_sd: float
     wobble_sd: list[float]
     initial_covariance: Literal["diagonal", "document"]
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_positive(dv2=self.dv2, dth2=self.dth2)
         check_positive(fix_variance=self.fix_variance, led_sd=self.led_sd, alpha_sd=self.alpha_sd)
         check_sds("wobble_sd", self.wobble_sd, 2)
@@ -63,6 +65,10 @@ class Epuck(Scenario):
                 "initial_covariance=document is not a covariance: not positive definite, its x-heading correlation is "
                 f"{self._x_heading_correlation():.2f}; use diagonal, the same without the cross terms"
             )
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -108,11 +114,11 @@ class Epuck(Scenario):
         axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
-        """How close run 0 of each filter keeps to what was measured, and how smoothly: known without any truth."""
+        """How close the first run of each filter keeps to what was measured, and how smoothly; no truth is needed."""
         rows = [_closeness(history) for history in histories.values()]
         names = ("RMS to the fixes [cm]", "largest distance [cm]", "RMS to alpha [rad]", "RMS turn a step [rad]")
         return {
-            "run 0": list(histories),
+            f"run {next(iter(histories.values())).run}": list(histories),
             **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
         }
 
@@ -147,7 +153,7 @@ class Epuck(Scenario):
         above.set_ylabel("speed [cm/s]")
         below.set_ylabel("heading [rad]")
         below.set_xlabel("time [s]")
-        figure.suptitle(f"epuck · speed and heading · run 0 · dv2 {self.dv2:g}, dth2 {self.dth2:g}")
+        figure.suptitle(f"epuck · speed and heading · run {first.run} · dv2 {self.dv2:g}, dth2 {self.dth2:g}")
         handles, labels = above.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize="small")
         return {"epuck_motion.png": figure}
