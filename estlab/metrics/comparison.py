@@ -70,7 +70,7 @@ class Comparison:
                         "filter": a,
                         "against": b,
                         "component": component,
-                        "unit": self._unit(component),
+                        "unit": self._units[i],
                         "rmse": float(roots[0]),
                         "rmse_against": float(roots[1]),
                         "difference": difference.value,
@@ -99,9 +99,9 @@ class Comparison:
         line = Moments(moments.count, np.array([value]), (slope @ moments.scatter @ slope)[None, None])
         return mean_interval(line), t_test(line, 0.0)
 
-    def _unit(self, component: str) -> str:
-        name = self.space.names[self.space.position[0]] if component == "position" else component
-        return self.space.units[self.space.names.index(name)]
+    @property
+    def _units(self) -> tuple[str, ...]:
+        return (*self.space.units, *(self.space.units[i] for i in self.space.position[:1]))
 
 
 def against_best(rows: Sequence[Mapping[str, Any]], component: str) -> list[dict[str, Any]]:

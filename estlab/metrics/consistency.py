@@ -68,9 +68,8 @@ def _nees(tally: Tally) -> Test:
         return _unanswered(NEES, found, 1.0, why)
     lawful = float(tally.moments["lawful"].mean[0])
     if lawful < _LAWFUL:
-        size = tally.space.size + 4
-        return _unanswered(NEES, found, 1.0, f"effective sample size {size} or less at {1.0 - lawful:.0%} of the steps")
-    return Test(NEES, "", found, 1.0, positive_test(moments, 1.0))
+        return _unanswered(NEES, found, 1.0, f"the sample is too small at {1.0 - lawful:.0%} of the steps")
+    return Test(NEES, "expected" if tally.sampled else "n", found, 1.0, positive_test(moments, 1.0))
 
 
 def _nis(tally: Tally) -> Test:
@@ -80,14 +79,14 @@ def _nis(tally: Tally) -> Test:
     if found.n == 0:
         return _unanswered(NIS, found, 1.0, "nothing was measured")
     if not _too_few(tally, found.n):
-        return Test(NIS, "", found, 1.0, positive_test(moments, 1.0))
+        return Test(NIS, "m", found, 1.0, positive_test(moments, 1.0))
     runs = 1 if tally.repeated else found.n
     freedom = float(tally.sums["measured"].sum()) / tally.runs * runs
     total = found.value * freedom
     lower, upper = chi_square_band(np.array(freedom))
     # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
     interval = Estimate(found.value, found.value / float(upper), found.value / float(lower), runs)
-    return Test(NIS, "", interval, 1.0, chi_square_test(total, freedom))
+    return Test(NIS, "m", interval, 1.0, chi_square_test(total, freedom))
 
 
 def _bias(tally: Tally) -> Test:
@@ -109,6 +108,8 @@ def _whiteness(tally: Tally) -> Test:
     The value is the correlation with the innovation just before.
     """
     moments = tally.moments["correlation"]
+    if not tally.sums["measured"].any():
+        return _unanswered(WHITENESS, mean_interval(moments.leading(1)), 0.0, "nothing was measured")
     first = mean_interval(moments.leading(1))
     if not _too_few(tally, int(moments.count)):
         lags = int(np.clip(int(moments.count) // 5, 1, LAGS))
@@ -158,7 +159,8 @@ def _too_few_for(moments: Moments) -> str:
 
 
 def _unanswered(name: str, found: Estimate, expected: float, why: str) -> Test:
-    return Test(name, "", found._replace(low=np.nan, high=np.nan), expected, np.nan, why=why)
+    of = {NEES: "n", NIS: "m"}.get(name, "")
+    return Test(name, of, found._replace(low=np.nan, high=np.nan), expected, np.nan, why=why)
 
 
 def component_biases(tally: Tally) -> list[tuple[str, Estimate, float]]:

@@ -35,10 +35,10 @@ class Tally:
     Only what is finite is scored: a gap in the truth or a run that broke takes no part in a mean, and every figure has
     beside it how much it is made of. repeated: whether all runs share one truth and one set of readings.
 
-    sums: over runs, at each time. moments: over runs, of what each run answers; ``converged`` in the name, of those
-    that neither broke nor were lost. histograms: of the same squares. diverged, diverged_first: how many did, and which
-    were the first, by cause. first_whitened: innovations (m, N) of the first run. first_runs: errors (n, T, K) and NEES
-    (T, K) of the first runs, for what cannot be added up.
+    sampled: whether covariances are a sample's. sums: over runs, at each time. moments: over runs, of what each run
+    answers; ``converged`` in the name, of those that neither broke nor were lost. histograms: of the same squares.
+    diverged, diverged_first: how many did, and which were the first, by cause. first_whitened: innovations (m, N) of
+    the first run. first_runs: errors (n, T, K) and NEES (T, K) of the first runs, for what cannot be added up.
     """
 
     space: Space
@@ -46,6 +46,7 @@ class Tally:
     limits: Limits = field(default_factory=Limits)
     repeated: bool = False
     runs: int = 0
+    sampled: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
     moments: dict[str, Moments] = field(default_factory=dict)
     histograms: dict[str, Histogram] = field(default_factory=dict)
@@ -61,6 +62,7 @@ class Tally:
         if self.runs == 0:
             self.first_whitened = scores.whitened[:, :, 0]
         self.runs += len(numbers)
+        self.sampled = estimates.sample is not None
         self._add_sums(scores, estimates)
         self._count_diverged(scores, numbers)
         self._keep_first(scores)

@@ -90,6 +90,8 @@ def _advice(word: str, by: dict[str, Test], faults: set[str], sampled_key: str) 
         if word == OVERCONFIDENT:
             return "filter", f"the innovations do not show it: try another filter, or raise {PROCESS}"
         return PROCESS, f"lower {PROCESS}"
+    if word == OVERCONFIDENT and size < 0.0:
+        return MEASUREMENT, f"the readings' errors seem correlated: raise {MEASUREMENT}"
     if size == 0.0:
         return PROCESS, f"{'raise' if correlation > 0.0 else 'lower'} {PROCESS}"
     verb = "raise" if size > 0.0 else "lower"
@@ -103,8 +105,9 @@ def _figure(test: Test) -> str:
     found = bracketed(test.found)
     if test.name == BIAS:
         return f"{test.of} off by {found} sigma"
-    words = {NEES: "NEES / n", NIS: "NIS / m", WHITENESS: "innovations correlated"}
-    return f"{words[test.name]}{' =' if test.name in (NEES, NIS) else ''} {found}"
+    if test.name == WHITENESS:
+        return f"innovations correlated {found}"
+    return f"{test.name.upper()} / {test.of} = {found}"
 
 
 def _consistent(by: dict[str, Test]) -> str:

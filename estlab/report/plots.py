@@ -47,7 +47,7 @@ def draw_all(
         if (notes["note"] == "ess").any():
             _save(save, "ess.png", draw_ess(notes[notes["note"] == "ess"], title, runs))
         if len(runs) >= _MANY:
-            _save(save, "distribution.png", draw_distribution(pd.read_csv(directory / rundir.HISTOGRAMS), title))
+            _save(save, "distribution.png", draw_distribution(pd.read_csv(directory / rundir.HISTOGRAMS), space, title))
         if space.position:
             with np.load(directory / rundir.ESTIMATES) as arrays:
                 filters = list(dict.fromkeys(errors["filter"]))
@@ -134,12 +134,15 @@ def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
     return figure
 
 
-def draw_distribution(histograms: "DataFrame", title: str) -> "Figure":
+def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Figure":
     """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
     chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
+    from matplotlib.ticker import MaxNLocator
+
+    unit = space.units[space.position[0] if chosen == "position" else space.names.index(chosen)]
     figure, axes = _figure(1, title, 3.6, columns=2)
     for panel, metric, component, what in (
-        (axes[0], "rmse", chosen, f"RMSE of a run, {chosen}"),
+        (axes[0], "rmse", chosen, f"RMSE of a run, {chosen} [{unit}]"),
         (axes[1], "anees", "all", "NEES / n of a run"),
     ):
         rows = histograms[(histograms["metric"] == metric) & (histograms["component"] == component)]
@@ -150,6 +153,7 @@ def draw_distribution(histograms: "DataFrame", title: str) -> "Figure":
             heights = mine.set_index("low")["runs"].reindex(edges[:-1], fill_value=0).to_numpy()
             panel.stairs(heights, edges, color=colour, lw=1.3, label=filter, fill=len(by_filter) == 1, alpha=0.9)
         panel.set_xscale("log")
+        panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")
     if histograms["filter"].nunique() > 1:

@@ -16,7 +16,7 @@ from estlab.metrics.tally import CAUSES
 from estlab.report.console import console
 from estlab.report.findings import Findings
 
-_TESTS = {NEES: "NEES / n", NIS: "NIS / m", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations"}
+_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations"}
 
 
 def summary(
@@ -73,7 +73,7 @@ def _components(title: str, found: Findings) -> Table:
 
 def _tests(found: Findings) -> Table:
     """A line a test."""
-    table = _table("", ("is it consistent?", "found", "95 % interval", "should be", "p"))
+    table = _table("", ("is it consistent?", "found", "95 % interval", "should be", "p, Holm"))
     for test in found.tests:
         expected = f"{test.expected:.0f}"
         table.add_row(
