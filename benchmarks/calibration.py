@@ -19,7 +19,8 @@ from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
 from estlab.metrics.comparison import Comparison
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test, consistency_tests
-from estlab.metrics.intervals import chi_square_test, share_interval
+from estlab.metrics.digits import bracketed
+from estlab.metrics.intervals import chi_square_test, positive_interval, share_interval
 from estlab.metrics.rows import coverage_rows
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import CONSISTENT, Tolerance, judge
@@ -245,6 +246,10 @@ def main(replications: int) -> None:
         ["matched problem", *TESTS, "verdict"],
         ([name, *(_share(hits) for hits in rejections(make()).values())] for name, make in matched.items()),
     )
+    for size in (140, 400):
+        (tally,) = sampled_ensembles(1, 20_000, size, True)
+        found = positive_interval(tally.moments["nees"])
+        print(f"mean NEES over that of its law, weighted samples of {size}: {bracketed(found)}\n")
     misses = coverage_misses(ensembles(Fault(), replications, 100, 100))
     differences = {
         "difference of two equal filters, 100 runs": np.array(list(comparisons(replications, 100, 0.0))) < 0.05,
