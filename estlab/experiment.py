@@ -11,16 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab import rundir
+from estlab import expectations, rundir
 from estlab.config import Settings
 from estlab.errors import UserError
+from estlab.expectations import Finding
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
-from estlab.report import plots, tables, terminal
+from estlab.report import expected, plots, tables, terminal
 from estlab.rundir import RunDirectory
 from estlab.scenarios.contract import History
 
@@ -72,10 +73,14 @@ def check(settings: Settings, names: Names) -> None:
                 loop.check_smoother()
             except ValueError as error:
                 raise UserError(f"smooth=true with {name}: {error}") from error
+    endings = ("", SMOOTHED) if settings.smooth else ("",)
+    expectations.parse(settings.expect, [name + end for name in _filters(settings, names) for end in endings])
 
 
-def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> None:
+def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Run, write every file of the directory but its configuration and status, and print the summary.
+
+    Returns what was found of what was expected.
 
     Raises UserError for data that cannot be used, OSError for a disk that cannot be written.
     """
@@ -120,6 +125,19 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
                 lambda: scenario.pictures({name: _history(histories, name, len(tallies)) for name in tallies}),
             )
     terminal.summary(title, rows, own, record.remarks, str(_short(directory.path)))
+    return _hold_to(settings, rows, directory)
+
+
+def _hold_to(
+    settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], directory: RunDirectory
+) -> list[Finding]:
+    """What was expected against the rows of metrics.csv: written and printed where anything was."""
+    findings = expectations.check(expectations.parse(settings.expect, list(rows)), rows)
+    if findings:
+        log.info(expectations.unmet(findings) or "all expectations met")
+        directory.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(findings)))
+        expected.show(expected.HEADINGS, [finding.cells() for finding in findings])
+    return findings
 
 
 def simulate(settings: Settings, names: Names) -> list[Path]:
