@@ -60,6 +60,7 @@ class Settings:
     plots: bool
     output: str
     plugins: list[str]
+    expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
 
     def __post_init__(self) -> None:
         for name in ("runs", "steps", "keep_runs", "block_runs"):
@@ -116,7 +117,8 @@ def unknown_key(path: str, known: Sequence[str]) -> str:
     group = path.rpartition(".")[0]
     siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
     takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
-    return f"unknown key {path}{nearest(path, known) or takes}"
+    near = nearest(path, known)
+    return unknown_key(group, known) if group and not (near or siblings) else f"unknown key {path}{near or takes}"
 
 
 def key_paths(config: Any, prefix: str = "") -> list[str]:
@@ -158,6 +160,8 @@ class _Builder:
         """The value as the type, or a UserError that names the key."""
         if value == "???":
             raise UserError(f"{path} must be given, for example {path}=...")
+        if hint is Any:
+            return value
         if isinstance(value, Mapping):
             if "_target_" in value:
                 make = _resolve(value["_target_"], hint, f"{path}._target_", self.allowed)
@@ -206,8 +210,6 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
         return value
     if hint is str and number:
         return str(value)
-    if hint is Any:
-        return value
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
 

@@ -4,15 +4,17 @@ import contextlib
 import logging
 import tempfile
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from estlab import rundir
+from estlab import expectations, rundir
 from estlab.config import Settings
 from estlab.ensemble import (
+    SMOOTHED,
     Ensemble,
     Names,
     blocks_of,
@@ -24,6 +26,7 @@ from estlab.ensemble import (
     record_of,
 )
 from estlab.errors import UserError
+from estlab.expectations import Finding
 from estlab.maths.space import Array
 from estlab.metrics import series
 from estlab.metrics.consistency import consistency_tests
@@ -31,7 +34,7 @@ from estlab.metrics.rows import coverage_rows, histogram_rows, metric_rows, test
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import judge
 from estlab.record import Record
-from estlab.report import console, plots, tables, terminal
+from estlab.report import console, expected, plots, tables, terminal
 from estlab.report.findings import Findings
 from estlab.rundir import RunDirectory
 
@@ -59,10 +62,14 @@ def check(settings: Settings, names: Names) -> None:
                 loop.check_smoother()
             except ValueError as error:
                 raise UserError(f"smooth=true with {name}: {error}") from error
+    endings = ("", SMOOTHED) if settings.smooth else ("",)
+    expectations.parse(settings.expect, [name + end for name in filters_of(settings, names) for end in endings])
 
 
-def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> None:
+def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Run, write every file of the directory but its configuration and status, and print the summary.
+
+    Returns what was found of what was expected.
 
     Raises UserError for data that cannot be used, OSError for a disk that cannot be written.
     """
@@ -103,6 +110,9 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
                 lambda: scenario.pictures({n: history_of(histories, n, len(findings)) for n in findings}),
             )
     terminal.summary(title, findings, compared, own, first.remarks, str(_short(directory.path)))
+    return _hold_to(
+        settings, {name: [row._asdict() for row in found.rows] for name, found in findings.items()}, directory
+    )
 
 
 def _bound(settings: Settings, names: Names, first: Record) -> Array | None:
@@ -134,16 +144,32 @@ def _write_tables(
         rundir.HISTOGRAMS: {name: histogram_rows(tally) for name, tally in tallies.items()},
         rundir.TESTS: {name: test_rows(found.tests) for name, found in findings.items()},
         rundir.VERDICTS: {name: [found.verdict._asdict()] for name, found in findings.items()},
-        rundir.METRICS: {name: [row._asdict() for row in found.rows] for name, found in findings.items()},
+        rundir.METRICS: _rows(findings),
     }
     for file, by_filter in written.items():
         directory.write(file, partial(tables.write_csv, by_filter, settings.seed))
+
+
+def _rows(findings: dict[str, Findings]) -> dict[str, list[dict[str, Any]]]:
+    return {name: [row._asdict() for row in found.rows] for name, found in findings.items()}
 
 
 def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: int) -> str:
     ensemble = f"run {runs[0]} alone" if runs[0] else f"{len(runs)} run{'s' * (len(runs) > 1)}"
     size = f"{ensemble} × {steps} step{'s' * (steps > 1)}"
     return " · ".join([names.scenario, ", ".join(filters), size, f"seed {seed}", *names.changes])
+
+
+def _hold_to(
+    settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], directory: RunDirectory
+) -> list[Finding]:
+    """What was expected against the rows of metrics.csv: written and printed where anything was."""
+    held = expectations.check(expectations.parse(settings.expect, list(rows)), rows)
+    if held:
+        log.info(expectations.unmet(held) or "all expectations met")
+        directory.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(held)))
+        expected.show(expected.HEADINGS, [finding.cells() for finding in held])
+    return held
 
 
 def simulate(settings: Settings, names: Names) -> list[Path]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from estlab.config import Settings
     from estlab.ensemble import Names
+    from estlab.expectations import Finding
 
 _BEGAN = time.time()
 
@@ -38,6 +39,8 @@ _TOLD = (
     "plugins=",
     "keep_runs=",
     "block_runs=",
+    "expect",
+    "++expect",
 )
 
 
@@ -93,12 +96,15 @@ def _interrupt(number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def run_job(command: list[str], config: "DictConfig") -> int:
-    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption."""
+def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:
+    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption.
+
+    told: is given what was found of what was expected.
+    """
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab import experiment, rundir
+    from estlab import expectations, experiment, rundir
 
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
@@ -106,14 +112,14 @@ def run_job(command: list[str], config: "DictConfig") -> int:
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
-        _remove_if_ours(folder, Path(str(config.output)))
+        remove_if_ours(folder, Path(str(config.output)))
         raise
     try:
         with directory.logged():
             directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
             directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
             directory.link_latest(Path(settings.output))
-            experiment.run(settings, names, directory, command)
+            findings = experiment.run(settings, names, directory, command)
     except KeyboardInterrupt:
         directory.finish("interrupted", "interrupted by the user")
         raise
@@ -121,8 +127,11 @@ def run_job(command: list[str], config: "DictConfig") -> int:
         message = _reason(error, folder / rundir.LOG)
         directory.finish("failed", message)
         return complain(message, USAGE if isinstance(error, UserError) else FAILED)
-    directory.finish("ok")
-    return OK
+    if told:
+        told(findings)
+    unmet = expectations.unmet(findings)
+    directory.finish("failed" if unmet else "ok", unmet)
+    return complain(unmet, FAILED) if unmet else OK
 
 
 def simulate_job(config: "DictConfig") -> int:
@@ -173,7 +182,7 @@ def _reason(error: BaseException, log: Path) -> str:
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 
 
-def _remove_if_ours(folder: Path, output: Path) -> None:
+def remove_if_ours(folder: Path, output: Path) -> None:
     """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error.
 
     Only what is empty and was made since this process began, and never a folder outside ``output`` but the run's own.

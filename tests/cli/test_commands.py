@@ -36,7 +36,7 @@ def status(folder: Path) -> dict:
 def test_help_and_version_name_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"estlab {command}" in text for command in ("run", "sweep", "simulate", "list"))
+    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "list"))
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
