@@ -29,6 +29,7 @@ from estlab.errors import UserError
 from estlab.expectations import Finding
 from estlab.maths.space import Array
 from estlab.metrics import series
+from estlab.metrics.bound import posterior_bound
 from estlab.metrics.consistency import consistency_tests
 from estlab.metrics.rows import coverage_rows, histogram_rows, metric_rows, test_rows
 from estlab.metrics.tally import Tally
@@ -37,6 +38,8 @@ from estlab.record import Record
 from estlab.report import console, expected, plots, tables, terminal
 from estlab.report.findings import Findings
 from estlab.rundir import RunDirectory
+
+_BOUND_RUNS = 200
 
 log = logging.getLogger("estlab")
 
@@ -116,7 +119,12 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
 
 
 def _bound(settings: Settings, names: Names, first: Record) -> Array | None:
-    return None
+    """The Cramer-Rao bound (n, n, T), of runs enough for its means whatever the ensemble's; None where there is none."""
+    if first.origin is None:
+        return None
+    record = record_of(settings, names, range(_BOUND_RUNS))
+    scenario, noise = settings.scenario, settings.noise.truth
+    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.places))
 
 
 def _findings(settings: Settings, name: str, tally: Tally, bound: Array | None) -> Findings:

@@ -39,6 +39,9 @@ class Record:
     shown: further arrays for a problem's own pictures, kept in the run directory.
     repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
     sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the shown.
+    origin: the truth (n, runs) at start where errors have a bound (estlab.metrics.bound): truth and readings are drawn
+    from the scenario's own motion and sensor with the truth's noises, and the prior is a Gaussian that says no less
+    of the start than is known. Else None.
     """
 
     start: float
@@ -54,6 +57,7 @@ class Record:
     shown: dict[str, Array] = field(default_factory=dict)
     repeated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
+    origin: Array | None = None
 
     @property
     def runs(self) -> int:

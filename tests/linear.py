@@ -48,5 +48,11 @@ def record(runs, steps=40, seed=5):
     time = 0.1 * np.arange(1, steps + 1)
     target = np.zeros((steps, len(runs)), dtype=int)
     return Record(
-        0.0, time, truth, np.empty((0, steps, 1)), Readings(np.arange(steps), values, target), Gaussian(prior, P0)
+        0.0,
+        time,
+        truth,
+        np.empty((0, steps, 1)),
+        Readings(np.arange(steps), values, target),
+        Gaussian(prior, P0),
+        origin=begin,
     )

@@ -1,7 +1,8 @@
 """A small robot on a table, seen by a camera from above. Seed document 004."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -96,7 +97,8 @@ class Epuck(Scenario):
         blur = noise.measurement_scale * streams.normals("readings", runs, (3, steps + 1))
         fixes = truth[:SPEED] + self.led_sd * blur[:2]
         alpha = wrap(truth[HEADING] + self.alpha_sd * blur[2])
-        return self._record(truth, fixes, alpha[:, 0])
+        record = self._record(truth, fixes, alpha[:, 0])
+        return replace(record, origin=begin) if self._has_bound(noise) else record
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         recording = files.read(folder, prefix)
@@ -204,6 +206,14 @@ class Epuck(Scenario):
             shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
             repeated=bool(read),
         )
+
+    def _has_bound(self, noise: Scales) -> bool:
+        """Whether all is drawn from the model, and the prior says no less of the start than the first fix tells.
+
+        The initial covariance has a third of the fix's variance, whatever the scale of the simulated fixes.
+        """
+        as_assumed = math.isclose(self.led_sd**2, self.fix_variance, rel_tol=1e-3)
+        return self.truth == "model" and as_assumed and noise.measurement_scale**2 >= 1.0 / 3.0
 
     def _initial_cov(self) -> Array:
         """Document 004, equation 12; its cross terms only where asked for."""

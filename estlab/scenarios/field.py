@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -121,7 +121,8 @@ class Field(Scenario):
         target = np.arange(1, steps + 1) // 2 % self._places.shape[1]
         sensor = self.sensor(noise, self._places)
         values = simulation.read(streams, runs, sensor, truth, sensor.place(target[:, None]))
-        return self._record(begin, command, truth, values, target)
+        record = self._record(begin, command, truth, values, target)
+        return record if isinstance(prior, Uniform) else replace(record, origin=begin)
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         path = folder / f"{prefix}{evaluation.NAME}"

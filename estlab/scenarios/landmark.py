@@ -111,7 +111,8 @@ class Landmark(Scenario):
         begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
-        return Record(0.0, time, truth, control, readings, self._prior(streams, runs, begin), places=_LANDMARKS)
+        prior = self._prior(streams, runs, begin)
+        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, origin=begin)
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         recording = mrclam.read(folder, prefix, self.unknown_barcodes)
