@@ -119,7 +119,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
 
 
 def _bound(settings: Settings, names: Names, first: Record) -> Array | None:
-    """The Cramer-Rao bound (n, n, T), of runs enough for its means whatever the ensemble's; None where there is none."""
+    """The Cramer-Rao bound (n, n, T), of runs enough for its means; None where there is none."""
     if first.origin is None:
         return None
     record = record_of(settings, names, range(_BOUND_RUNS))

@@ -98,7 +98,7 @@ def _bias(tally: Tally) -> Test:
     moments = tally.moments["bias"]
     worst, found = _furthest(moments)
     if why := _too_few(tally, int(moments.count)) or _too_few_for(moments):
-        return _unanswered(BIAS, found, 0.0, why)
+        return _unanswered(BIAS, found, 0.0, why)._replace(of=tally.space.names[worst])
     return Test(BIAS, tally.space.names[worst], found, 0.0, hotelling_test(moments))
 
 
@@ -149,7 +149,7 @@ def _furthest(moments: Moments) -> tuple[int, Estimate]:
 
 def _too_few(tally: Tally, runs: int) -> str:
     if tally.repeated:
-        return "repeats of one recording are not independent runs"
+        return "one recording is one run"
     return "" if runs >= _FEWEST else f"needs {_FEWEST} runs"
 
 

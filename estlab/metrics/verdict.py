@@ -8,11 +8,15 @@ import numpy as np
 
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test
 from estlab.metrics.digits import bracketed
+from estlab.metrics.intervals import positive_interval
 from estlab.metrics.tally import CAUSES, Tally
 
 CONSISTENT, OVERCONFIDENT, CONSERVATIVE = "consistent", "overconfident", "conservative"
 BIASED, CORRELATED, LOST, UNDECIDED = "biased", "correlated", "lost", "undecided"
 WORDS = (CONSISTENT, OVERCONFIDENT, CONSERVATIVE, BIASED, CORRELATED, LOST, UNDECIDED)
+
+# Correlated errors of readings make innovations a little too small; much smaller, the filter has lost its way.
+_COLOURED = 0.5
 
 PROCESS, MEASUREMENT = "noise.filter.process_scale", "noise.filter.measurement_scale"
 
@@ -54,6 +58,10 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
     figures = [_figure(by[name]) for name in (NEES, NIS, BIAS, WHITENESS) if name in faults]
     word = _word(by, faults)
     if word == CONSISTENT:
+        if tally.sampled and by[NEES].why and tally.moments["anees"].count:
+            figure = _figure(by[NEES]._replace(found=positive_interval(tally.moments["anees"]), of="n"))
+            advice = f"; raise {sampled_key}" if sampled_key else ""
+            return Verdict(UNDECIDED, f"undecided: {by[NEES].why}, {figure}{advice}", sampled_key, p)
         if not answered:
             return Verdict(UNDECIDED, f"undecided: {by[NEES].why}", "", p)
         return Verdict(CONSISTENT, _consistent(by), "", p)
@@ -82,16 +90,18 @@ def _advice(word: str, by: dict[str, Test], faults: set[str], sampled_key: str) 
     """
     if word == BIASED:
         return "scenario", f"the models are off: see scenario, or trust them less by raising {PROCESS}"
-    size = float(np.sign(by[NIS].found.value - 1.0)) if NIS in faults else 0.0
+    nis = by[NIS].found.value
+    size = float(np.sign(nis - 1.0)) if NIS in faults else 0.0
     correlation = float(np.sign(by[WHITENESS].found.value)) if WHITENESS in faults else 0.0
-    if size == 0.0 and correlation == 0.0:
-        if word == OVERCONFIDENT and sampled_key:
-            return sampled_key, f"the innovations do not show it: raise {sampled_key}"
-        if word == OVERCONFIDENT:
-            return "filter", f"the innovations do not show it: try another filter, or raise {PROCESS}"
-        return PROCESS, f"lower {PROCESS}"
-    if word == OVERCONFIDENT and size < 0.0:
+    if np.isnan(nis):
+        return "filter", "try another filter, or what it is made of"
+    if word == OVERCONFIDENT and size < 0.0 and nis > _COLOURED and correlation > 0.0:
         return MEASUREMENT, f"the readings' errors seem correlated: raise {MEASUREMENT}"
+    if word == OVERCONFIDENT and (size < 0.0 or size == correlation == 0.0):
+        remedy = f"raise {sampled_key}" if sampled_key else f"try another filter, or raise {PROCESS}"
+        return sampled_key or "filter", f"the innovations do not show it: {remedy}"
+    if size == correlation == 0.0:
+        return PROCESS, f"lower {PROCESS}"
     if size == 0.0:
         return PROCESS, f"{'raise' if correlation > 0.0 else 'lower'} {PROCESS}"
     verb = "raise" if size > 0.0 else "lower"
@@ -114,7 +124,9 @@ def _consistent(by: dict[str, Test]) -> str:
     parts = [_figure(by[name]) for name in (NEES, NIS) if np.isfinite(by[name].p)]
     parts += [word for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")) if np.isfinite(by[name].p)]
     slight = [name for name in (NEES, NIS, BIAS, WHITENESS) if by[name].rejected]
-    return f"consistent{', but for what is too slight to matter' if slight else ''}: {', '.join(parts)}"
+    but = ", but for what is too slight to matter" if slight else ""
+    by_what = "" if np.isfinite(by[NEES].p) else " as far as its innovations tell"
+    return f"consistent{by_what}{but}: {', '.join(parts)}"
 
 
 def _said(word: str) -> str:
