@@ -46,12 +46,19 @@ class Loop:
 
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         """The belief after each step. draws: the filter's own streams. tick: called after every step."""
-        return self._forward(record, draws, tick, None)
+        if record.runs > 1 or not record.each_its_own:
+            return self._forward(record, draws, tick, None)
+        # NumPy adds in another order where the batch is one, which a filter near losing its way magnifies: a run alone
+        # shall be what it is among others, so it is given company.
+        return self._forward(record.twice(), draws.with_another(), tick, None).first()
 
     def estimate_and_smooth(
         self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None
     ) -> tuple[Estimates, Estimates]:
         """The belief after each step, and what it is in the light of all readings."""
+        if record.runs == 1 and record.each_its_own:
+            both = self.estimate_and_smooth(record.twice(), draws.with_another(), tick)
+            return both[0].first(), both[1].first()
         links: list[Link | None] = []
         filtered = self._forward(record, draws, tick, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):

@@ -49,6 +49,10 @@ class Draws:
         """The streams of some of the runs, by their place in this batch."""
         return Draws([self._generators[run] for run in runs])
 
+    def with_another(self) -> "Draws":
+        """These streams and one more, of no account."""
+        return Draws([*self._generators, np.random.default_rng(0)])
+
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs)."""
         return np.stack([generator.standard_normal(shape) for generator in self._generators], axis=-1)

@@ -13,6 +13,7 @@ from estlab.maths.space import Array, Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -114,7 +115,10 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     positive = table[column][table[column] > 0.0]
     low = min(0.5 * float(table["lower"].min()), 0.8 * float(np.nanquantile(positive, 0.005 if dense else 0.0)))
     high = max(2.0 * float(table["upper"].max()), 1.25 * float(np.nanquantile(positive, 0.995 if dense else 1.0)))
-    _logarithmic(axes, max(low, 1e-4), min(high, 1e8))
+    low, high = max(low, 1e-4), min(high, 1e8)
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    _logarithmic(axes.yaxis, low, high)
     axes.set_ylabel(f"{what} (1 when consistent)")
     axes.set_xlabel("time [s]")
     _legend_below(figure, axes)
@@ -136,9 +140,9 @@ def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
 
 def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Figure":
     """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
-    chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
     from matplotlib.ticker import MaxNLocator
 
+    chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
     unit = space.units[space.position[0] if chosen == "position" else space.names.index(chosen)]
     figure, axes = _figure(1, title, 3.6, columns=2)
     for panel, metric, component, what in (
@@ -153,6 +157,7 @@ def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Fig
             heights = mine.set_index("low")["runs"].reindex(edges[:-1], fill_value=0).to_numpy()
             panel.stairs(heights, edges, color=colour, lw=1.3, label=filter, fill=len(by_filter) == 1, alpha=0.9)
         panel.set_xscale("log")
+        _logarithmic(panel.xaxis, rows["low"].min(), rows["high"].max())
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")
@@ -241,15 +246,15 @@ def _broken_at_gaps(rows: "DataFrame") -> "DataFrame":
     return pd.concat([rows, empty]).sort_values("time", kind="stable") if gaps.size else rows
 
 
-def _logarithmic(axes: "Axes", low: float, high: float) -> None:
-    """A logarithmic scale whose ticks are plain numbers, closer together where it spans little."""
+def _logarithmic(axis: "Axis", low: float, high: float) -> None:
+    """Ticks of a logarithmic axis as plain numbers, closer together where it spans little."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axes.set_yscale("log")
-    axes.set_ylim(low, high)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,), numticks=20))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    span = high / low
+    subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if span < 10.0 else (1.0, 2.0, 5.0) if span < 300.0 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _limit(axes: "Axes", rows: "DataFrame") -> None:
