@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
+from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
@@ -30,25 +32,45 @@ class Names:
     changes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Totals:
+    """Of runs: a tally for each set of estimates by name, the comparison of filters, and the records' own sums."""
+
+    tallies: dict[str, Tally]
+    comparison: Comparison
+    sums: dict[str, Array]
+
+    def plus(self, other: "Totals") -> "Totals":
+        """Of the runs of both, those of the other coming after."""
+        return Totals(
+            {name: tally.plus(other.tallies[name]) for name, tally in self.tallies.items()},
+            self.comparison.plus(other.comparison),
+            {name: array + other.sums[name] for name, array in self.sums.items()},
+        )
+
+
 @dataclass
 class Ensemble:
-    """All runs of all filters: for each set of estimates, by name, a tally, the histories kept and the seconds spent.
+    """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds spent.
 
-    record: of the first block. sums: those of the records of all blocks together.
+    record: of the first block.
     """
 
     record: Record
-    comparison: Comparison
-    tallies: dict[str, Tally] = field(default_factory=dict)
+    blocks: Pairwise[Totals] = field(default_factory=Pairwise)
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    sums: dict[str, Array] = field(default_factory=dict)
+
+    @cached_property
+    def total(self) -> Totals:
+        """Of all blocks."""
+        return self.blocks.total()
 
     def cost(self) -> dict[str, float]:
         """Seconds a run and step of each filter; a smoother's are in its filter's."""
-        steps = self.record.time.size
-        seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in self.tallies}
-        return {name: spent / (self.tallies[name].runs * steps) for name, spent in seconds.items()}
+        steps, tallies = self.record.time.size, self.total.tallies
+        seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in tallies}
+        return {name: spent / (tallies[name].runs * steps) for name, spent in seconds.items()}
 
 
 def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
@@ -77,28 +99,35 @@ def estimated(
     settings: Settings, names: Names, first: Record, progress: Callable[[int], Callable[[], None]]
 ) -> Ensemble:
     """All runs of all filters. first: the first block's record. progress: told of all steps, gives what counts one."""
-    scenario, streams = settings.scenario, Streams(settings.seed, names.scenario)
+    streams = Streams(settings.seed, names.scenario)
     blocks = list(blocks_of(settings))
     loops = {name: loop_of(settings, filter, first.places) for name, filter in filters_of(settings, names).items()}
-    limits = Limits(scenario.found_within, scenario.lost_beyond)
-    ensemble = Ensemble(first, Comparison(scenario.space, first.repeated))
+    ensemble = Ensemble(first)
     tick = progress(len(blocks) * first.time.size * len(loops))
-    for block in blocks:
-        record = first if block == blocks[0] else record_of(settings, names, block)
-        ensemble.sums |= {name: ensemble.sums.get(name, 0) + array for name, array in record.sums.items()}
-        squares = {}
+    for number, block in enumerate(blocks):
+        record = record_of(settings, names, block) if number else first
+        found: dict[str, Estimates] = {}
         for name, loop in loops.items():
             draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
             began = time.perf_counter()
-            found = _found(loop, name, record, draws, tick, settings.smooth)
+            found |= _found(loop, name, record, draws, tick, settings.smooth)
             ensemble.seconds[name] = ensemble.seconds.get(name, 0.0) + time.perf_counter() - began
-            for label, estimates in found.items():
-                if label not in ensemble.tallies:
-                    ensemble.tallies[label] = Tally(scenario.space, first.time, limits, first.repeated)
-                    ensemble.kept[label] = _kept(record, estimates, settings.keep_runs)
-                squares[label] = ensemble.tallies[label].add(record, estimates, block)
-        ensemble.comparison.add(squares)
+        if number == 0:
+            ensemble.kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()}
+        ensemble.blocks.add(0, number, _totals(settings, record, found, block))
     return ensemble
+
+
+def _totals(settings: Settings, record: Record, found: dict[str, Estimates], block: range) -> Totals:
+    scenario = settings.scenario
+    limits = Limits(scenario.found_within, scenario.lost_beyond)
+    tallies, squares = {}, {}
+    for name, estimates in found.items():
+        tallies[name] = Tally(scenario.space, record.time, limits, record.repeated, settings.run_numbers.start)
+        squares[name] = tallies[name].add(record, estimates, block)
+    comparison = Comparison(scenario.space, record.repeated)
+    comparison.add(squares)
+    return Totals(tallies, comparison, record.sums)
 
 
 def blocks_of(settings: Settings) -> Iterator[range]:
@@ -130,7 +159,7 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
         arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
-    return arrays | {f"shown.{name}": array for name, array in (record.shown | ensemble.sums).items()}
+    return arrays | {f"shown.{name}": array for name, array in (record.shown | ensemble.total.sums).items()}
 
 
 def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:

@@ -87,14 +87,14 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     directory.describe(seconds_per_run_and_step=ensemble.cost())
     _log_outcome(ensemble, len(runs))
     bound = _bound(settings, names, first)
-    findings = {name: _findings(settings, name, tally, bound) for name, tally in ensemble.tallies.items()}
+    findings = {name: _findings(settings, name, tally, bound) for name, tally in ensemble.total.tallies.items()}
     histories = histories_of(ensemble, runs[0])
     directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **histories))
     scenario = settings.scenario
     own = scenario.table({name: history_of(histories, name, len(findings)) for name in findings})
     if own:
         directory.write(f"{names.scenario}.csv", partial(tables.write_columns, own))
-    compared = ensemble.comparison.rows(ensemble.cost())
+    compared = ensemble.total.comparison.rows(ensemble.cost())
     _write_tables(settings, directory, ensemble, findings, bound)
     if compared:
         directory.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
@@ -141,7 +141,7 @@ def _write_tables(
     settings: Settings, directory: RunDirectory, ensemble: Ensemble, findings: dict[str, Findings], bound: Array | None
 ) -> None:
     """Every table that has lines of each filter."""
-    tallies, kept = ensemble.tallies, ensemble.kept
+    tallies, kept = ensemble.total.tallies, ensemble.kept
     first = {name: (k["truth"][..., 0], k["mean"][..., 0], k["cov"][..., 0]) for name, k in kept.items()}
     written: dict[str, Mapping[str, tables.Table]] = {
         rundir.ERRORS: {name: series.errors(tally, first[name], bound) for name, tally in tallies.items()},
@@ -211,7 +211,7 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
 def _log_outcome(ensemble: Ensemble, runs: int) -> None:
     for remark in ensemble.record.remarks:
         log.warning(remark)
-    for name, tally in ensemble.tallies.items():
+    for name, tally in ensemble.total.tallies.items():
         log.info("%s: %d of %d runs diverged", name, sum(tally.diverged.values()), runs)
         for cause, first in tally.diverged_first.items():
             if first:

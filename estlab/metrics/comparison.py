@@ -1,7 +1,7 @@
 """Filters against each other on the same truth and readings: the difference of their errors, run by run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -33,7 +33,7 @@ class Comparison:
         return (*self.space.names, *(("position",) if self.space.position else ()))
 
     def add(self, squares: Mapping[str, Mapping[str, Array]]) -> None:
-        """Take in a block: each filter's mean square errors, as Tally.add returns them."""
+        """Take in a block, once: each filter's mean square errors, as Tally.add returns them."""
         stacked = {
             name: np.concatenate(
                 [one["mean_square"], *([one["position_square"][None]] if "position_square" in one else [])]
@@ -42,12 +42,18 @@ class Comparison:
         }
         for a, b in combinations(sorted(stacked), 2):
             both = np.stack([stacked[a], stacked[b]])
-            block = Moments.of(both)
             known = np.isfinite(both).all(axis=0)
             # Half a win each where there is nothing between them.
-            won = np.where(known, 0.5 * ((both[0] < both[1]) + (both[0] <= both[1])), 0.0).sum(axis=-1)
-            self.moments[a, b] = self.moments[a, b].plus(block) if (a, b) in self.moments else block
-            self.wins[a, b] = self.wins.get((a, b), 0.0) + won
+            self.wins[a, b] = np.where(known, 0.5 * ((both[0] < both[1]) + (both[0] <= both[1])), 0.0).sum(axis=-1)
+            self.moments[a, b] = Moments.of(both)
+
+    def plus(self, other: "Comparison") -> "Comparison":
+        """Of the runs of both."""
+        return replace(
+            self,
+            moments={pair: moments.plus(other.moments[pair]) for pair, moments in self.moments.items()},
+            wins={pair: wins + other.wins[pair] for pair, wins in self.wins.items()},
+        )
 
     @quietly
     def rows(self, cost: Mapping[str, float]) -> list[dict[str, Any]]:

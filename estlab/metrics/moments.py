@@ -66,6 +66,12 @@ class Histogram:
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.counts = np.zeros((*shape, 2 * self.DECADES * self.PER_DECADE), dtype=np.int64)
 
+    def plus(self, other: "Histogram") -> "Histogram":
+        """Of the runs of both."""
+        both = Histogram(self.counts.shape[:-1])
+        both.counts = self.counts + other.counts
+        return both
+
     def add(self, values: Array) -> None:
         """Count a block's values (*shape, runs)."""
         bins = self.counts.shape[-1]

@@ -88,10 +88,8 @@ def _all_components(tally: Tally) -> Iterator[Row]:
     yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
     yield _row("anees", "all", "", positive_interval(moments["anees"]))
     yield _row("anees_converged", "all", "", positive_interval(moments["anees_converged"]))
-    error = np.concatenate([first for first, _ in tally.first_runs], axis=-1)
-    nees = np.concatenate([second for _, second in tally.first_runs], axis=-1)
     if not tally.repeated:
-        index, inclination = credibility(error, nees)
+        index, inclination = credibility(*tally.first)
         yield _row("noncredibility", "all", "dB", index)
         yield _row("inclination", "all", "dB", inclination)
     if int(moments["anis"].count):

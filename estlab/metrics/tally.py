@@ -1,10 +1,7 @@
-"""What is kept of an ensemble: sums over runs at each time and moments of what each run answers, block by block.
-
-Its size does not depend on the number of runs.
-"""
+"""What is kept of runs: sums over them at each time, moments of what each answers. Its size does not grow with them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,21 +27,23 @@ CAUSES = ("not_finite", "not_definite", "lost")
 
 @dataclass
 class Tally:
-    """Errors and consistency of one filter over an ensemble.
+    """Errors and consistency of one filter over runs: of a block, and of blocks added up.
 
     Only what is finite is scored: a gap in the truth or a run that broke takes no part in a mean, and every figure has
-    beside it how much it is made of. repeated: whether all runs share one truth and one set of readings.
+    beside it how much it is made of. repeated: whether all runs share one truth and one set of readings. begin: the
+    number of the ensemble's first run.
 
     sampled: whether covariances are a sample's. sums: over runs, at each time. moments: over runs, of what each run
     answers; ``converged`` in the name, of those that neither broke nor were lost. histograms: of the same squares.
     diverged, diverged_first: how many did, and which were the first, by cause. first_whitened: innovations (m, N) of
-    the first run. first_runs: errors (n, T, K) and NEES (T, K) of the first runs, for what cannot be added up.
+    the first run. first: errors (n, T, K) and NEES (T, K) of the first runs, for what cannot be added up.
     """
 
     space: Space
     time: Array
     limits: Limits = field(default_factory=Limits)
     repeated: bool = False
+    begin: int = 0
     runs: int = 0
     sampled: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
@@ -53,34 +52,47 @@ class Tally:
     diverged: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     diverged_first: dict[str, list[int]] = field(default_factory=lambda: {cause: [] for cause in CAUSES})
     first_whitened: Array = field(default_factory=lambda: np.empty((0, 0)))
-    first_runs: list[tuple[Array, Array]] = field(default_factory=list)
+    first: tuple[Array, Array] = field(default_factory=lambda: (np.empty((0, 0, 0)), np.empty((0, 0))))
 
     @quietly
     def add(self, record: Record, estimates: Estimates, numbers: Sequence[int]) -> dict[str, Array]:
-        """Take in a block of runs with these numbers; what each run's squared errors are, for comparisons."""
+        """Take in a block of runs with these numbers, once; each run's squared errors, for comparisons."""
         scores = score(self.space, self.limits, record, estimates)
-        if self.runs == 0:
-            self.first_whitened = scores.whitened[:, :, 0]
-        self.runs += len(numbers)
+        self.runs, self.first_whitened = len(numbers), scores.whitened[:, :, 0]
         self.sampled = estimates.sample is not None
-        self._add_sums(scores, estimates)
+        self._sum(scores, estimates)
         self._count_diverged(scores, numbers)
-        self._keep_first(scores)
+        self._keep_first(scores, numbers)
         lapse = np.diff(record.time, prepend=record.start)
         lapse = lapse / lapse.sum() if lapse.sum() > 0.0 else np.full(lapse.size, 1.0 / lapse.size)
         squares = self._squares(scores)
-        self._add_moments(
+        self._take_moments(
             **squares,
             **{f"{name}_converged": np.where(scores.diverged, np.nan, values) for name, values in squares.items()},
             **self._errors(scores, lapse),
             **self._consistency(scores, estimates),
         )
         for name, values in squares.items():
-            histogram = self.histograms.setdefault(name, Histogram(values.shape[:-1]))
-            histogram.add(values if name == "anees" else np.sqrt(values))
-        self._add_vectors(bias=_mean(scores.error / scores.sigma, scores.scored, 1))
-        self._add_vectors(correlation=correlations(scores.whitened, LAGS))
+            self.histograms[name] = Histogram(values.shape[:-1])
+            self.histograms[name].add(values if name == "anees" else np.sqrt(values))
+        self.moments["bias"] = Moments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
+        self.moments["correlation"] = Moments.of(correlations(scores.whitened, LAGS))
         return squares
+
+    def plus(self, other: "Tally") -> "Tally":
+        """Of the runs of both, those of the other coming after."""
+        room = self._most
+        errors, nees = (np.concatenate(pair, axis=-1)[..., :room] for pair in zip(self.first, other.first, strict=True))
+        return replace(
+            self,
+            runs=self.runs + other.runs,
+            sums={name: array + other.sums[name] for name, array in self.sums.items()},
+            moments={name: moments.plus(other.moments[name]) for name, moments in self.moments.items()},
+            histograms={name: counts.plus(other.histograms[name]) for name, counts in self.histograms.items()},
+            diverged={cause: self.diverged[cause] + other.diverged[cause] for cause in CAUSES},
+            diverged_first={c: (self.diverged_first[c] + other.diverged_first[c])[:_NAMED] for c in CAUSES},
+            first=(errors, nees),
+        )
 
     def _squares(self, scores: Scores) -> dict[str, Array]:
         """Each run's mean square errors and ANEES, (..., runs)."""
@@ -126,11 +138,11 @@ class Tally:
             found["ess"] = _mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
         return found
 
-    def _add_sums(self, scores: Scores, estimates: Estimates) -> None:
+    def _sum(self, scores: Scores, estimates: Estimates) -> None:
         scored = scores.scored
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         squares = _total(scores.error**2, scored, -1)
-        blocks = {
+        self.sums = {
             "scored": scored.sum(axis=-1),
             "error": _total(scores.error, scored, -1),
             "square": squares,
@@ -147,34 +159,29 @@ class Tally:
             "nis_runs": (scores.measured > 0).sum(axis=-1),
         }
         shape = scores.nees.shape
-        blocks |= {
+        self.sums |= {
             f"note_{name}": np.broadcast_to(values, shape).sum(axis=-1) for name, values in estimates.notes.items()
         }
-        for name, block in blocks.items():
-            self.sums[name] = self.sums[name] + block if name in self.sums else block
 
-    def _add_moments(self, **values: Array) -> None:
+    def _take_moments(self, **values: Array) -> None:
         """Of single numbers (*shape, runs), each entry of the shape by itself."""
-        self._add_vectors(**{name: array[None] for name, array in values.items()})
-
-    def _add_vectors(self, **values: Array) -> None:
-        for name, array in values.items():
-            block = Moments.of(array)
-            self.moments[name] = self.moments[name].plus(block) if name in self.moments else block
+        self.moments |= {name: Moments.of(array[None]) for name, array in values.items()}
 
     def _count_diverged(self, scores: Scores, numbers: Sequence[int]) -> None:
         for cause in CAUSES:
             which = np.flatnonzero(getattr(scores, cause))
-            self.diverged[cause] += which.size
-            room = _NAMED - len(self.diverged_first[cause])
-            self.diverged_first[cause] += [numbers[i] for i in which[:room]]
+            self.diverged[cause] = which.size
+            self.diverged_first[cause] = [numbers[i] for i in which[:_NAMED]]
 
-    def _keep_first(self, scores: Scores) -> None:
-        """Errors and NEES of the first runs, as many whatever the size of the blocks."""
-        most = max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * scores.error[..., 0].size)))
-        room = most - sum(nees.shape[1] for _, nees in self.first_runs)
-        if room > 0:
-            self.first_runs.append((scores.error[..., :room].copy(), scores.nees[:, :room].copy()))
+    def _keep_first(self, scores: Scores, numbers: Sequence[int]) -> None:
+        """Errors and NEES of what of the ensemble's first runs is among these."""
+        room = max(0, self.begin + self._most - numbers[0])
+        self.first = scores.error[..., :room].copy(), scores.nees[:, :room].copy()
+
+    @property
+    def _most(self) -> int:
+        """How many runs' errors are kept."""
+        return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
 
 
 def _total(values: Array, where: Array, axis: int) -> Array:

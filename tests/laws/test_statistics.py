@@ -1,5 +1,6 @@
 """What holds of the statistics whatever the data: blocks, gaps, missing readings, order."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from estlab.metrics import series
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.metrics.intervals import Estimate, holm
 from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.rows import coverage_rows
 from estlab.metrics.scores import Limits, score
 from estlab.metrics.tally import Tally
@@ -29,7 +31,7 @@ def figures(experiment: Settings, name: str) -> dict[str, dict]:
     names = Names(name, "ukf")
     first = record_of(experiment, names, next(blocks_of(experiment)))
     ensemble = estimated(experiment, names, first, lambda total: lambda: None)
-    return {label: metrics(tally) for label, tally in ensemble.tallies.items()}
+    return {label: metrics(tally) for label, tally in ensemble.total.tallies.items()}
 
 
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=6), st.integers(0, 10_000))
@@ -92,7 +94,7 @@ def test_the_order_of_filters_changes_no_figure_and_no_comparison():
         names = Names("field", "ekf")
         first = record_of(experiment, names, next(blocks_of(experiment)))
         ensemble = estimated(experiment, names, first, lambda total: lambda: None)
-        results.append(({n: metrics(t) for n, t in ensemble.tallies.items()}, ensemble.comparison.rows({})))
+        results.append(({n: metrics(t) for n, t in ensemble.total.tallies.items()}, ensemble.total.comparison.rows({})))
     (one, compared), (other, compared_too) = results
     for name in ("ekf", "ukf"):
         np.testing.assert_equal(one[name], other[name])
@@ -209,15 +211,39 @@ def test_what_is_kept_does_not_grow_with_the_runs():
     def size(tally: Tally) -> int:
         arrays = [*tally.sums.values(), *(p for m in tally.moments.values() for p in (m.count, m.mean, m.scatter))]
         arrays += [h.counts for h in tally.histograms.values()]
-        return sum(np.asarray(a).nbytes for a in arrays) + sum(a.nbytes + b.nbytes for a, b in tally.first_runs)
+        return sum(np.asarray(a).nbytes for a in arrays) + sum(a.nbytes for a in tally.first)
 
     record = linear.record(range(600))
     found = estimate(KALMAN, linear.MOTION, linear.SENSOR, record)
     tally = tallied(linear, record, found)
     after_one = size(tally)
-    tally.add(record, found, range(600, 1200))
-    assert size(tally) == after_one
-    assert tally.runs == 1200
+    both = tally.plus(tallied(linear, record, found, range(600, 1200)))
+    assert size(both) == after_one
+    assert both.runs == 1200
+
+
+@given(st.integers(1, 40), st.randoms(use_true_random=False))
+def test_blocks_added_in_any_order_and_by_anyone_are_added_alike(count, random):
+    """Strings tell how they were put together."""
+
+    class Text(str):
+        def plus(self, other):
+            return Text(f"({self}{other})")
+
+    whole, parts = Pairwise(), Pairwise()
+    for number in range(count):
+        whole.add(0, number, Text(number))
+    cuts = sorted({0, count, *(random.randrange(count) for _ in range(3))})
+    pieces = list(itertools.pairwise(cuts))
+    random.shuffle(pieces)
+    for begin, end in pieces:
+        part = Pairwise()
+        for number in range(begin, end):
+            part.add(0, number, Text(number))
+        for (level, number), value in part.nodes.items():
+            parts.add(level, number, value)
+    assert parts.total() == whole.total()
+    assert len(whole.nodes) == count.bit_count()
 
 
 def test_holms_p_values_are_those_of_his_example():

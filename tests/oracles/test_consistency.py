@@ -77,7 +77,7 @@ def test_a_fault_too_slight_to_matter_is_not_called_one():
 
 def test_the_inclination_of_a_covariance_of_half_the_size_is_three_decibels():
     (tally,) = ensembles(Fault(), 1, 400, 50)
-    error, nees = tally.first_runs[0]
+    error, nees = tally.first
     for factor, expected in ((1.0, 0.0), (0.5, 10.0 * np.log10(2.0)), (2.0, -10.0 * np.log10(2.0))):
         index, inclination = credibility(error, nees / factor)
         assert inclination.low <= expected <= inclination.high
