@@ -51,6 +51,8 @@ class Settings:
     data: Data
     runs: int
     run_index: int | None
+    part: list[int] | None
+    parts: list[str]
     steps: int | None
     seed: int
     keep_runs: int
@@ -71,6 +73,9 @@ class Settings:
             value = getattr(self, name)
             if value is not None and value < 0:
                 raise ValueError(f"{name} must be >= 0, got {value}")
+
+        if self.part is not None and not (len(self.part) == 2 and 0 <= self.part[0] < self.part[1]):
+            raise ValueError(f"part must be [which, of how many], which counted from 0, got {self.part}")
 
     @property
     def run_numbers(self) -> range:

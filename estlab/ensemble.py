@@ -1,7 +1,7 @@
 """An ensemble of runs through filters, block by block, every filter on the same truth and readings."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -98,13 +98,19 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
 def estimated(
     settings: Settings, names: Names, first: Record, progress: Callable[[int], Callable[[], None]]
 ) -> Ensemble:
-    """All runs of all filters. first: the first block's record. progress: told of all steps, gives what counts one."""
+    """All runs of all filters, or those of a part. progress: told of all steps, gives what counts one.
+
+    first: the record of the ensemble's first block.
+    """
     streams = Streams(settings.seed, names.scenario)
-    blocks = list(blocks_of(settings))
+    blocks = list(enumerate(blocks_of(settings)))
+    if settings.part is not None:
+        which, parts = settings.part
+        blocks = blocks[which * len(blocks) // parts : (which + 1) * len(blocks) // parts]
     loops = {name: loop_of(settings, filter, first.places) for name, filter in filters_of(settings, names).items()}
     ensemble = Ensemble(first)
     tick = progress(len(blocks) * first.time.size * len(loops))
-    for number, block in enumerate(blocks):
+    for number, block in blocks:
         record = record_of(settings, names, block) if number else first
         found: dict[str, Estimates] = {}
         for name, loop in loops.items():
@@ -118,16 +124,19 @@ def estimated(
     return ensemble
 
 
+def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> Totals:
+    """Totals of no runs yet, for these sets of estimates."""
+    space, begin = settings.scenario.space, settings.run_numbers.start
+    limits = Limits(settings.scenario.found_within, settings.scenario.lost_beyond)
+    tallies = {name: Tally(space, record.time, limits, record.repeated, begin) for name in names}
+    return Totals(tallies, Comparison(space, record.repeated), record.sums)
+
+
 def _totals(settings: Settings, record: Record, found: dict[str, Estimates], block: range) -> Totals:
-    scenario = settings.scenario
-    limits = Limits(scenario.found_within, scenario.lost_beyond)
-    tallies, squares = {}, {}
-    for name, estimates in found.items():
-        tallies[name] = Tally(scenario.space, record.time, limits, record.repeated, settings.run_numbers.start)
-        squares[name] = tallies[name].add(record, estimates, block)
-    comparison = Comparison(scenario.space, record.repeated)
-    comparison.add(squares)
-    return Totals(tallies, comparison, record.sums)
+    totals = empty_totals(settings, record, found)
+    squares = {name: totals.tallies[name].add(record, estimates, block) for name, estimates in found.items()}
+    totals.comparison.add(squares)
+    return totals
 
 
 def blocks_of(settings: Settings) -> Iterator[range]:

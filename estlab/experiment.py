@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estlab import expectations, rundir
+from estlab import expectations, parts, rundir
 from estlab.config import Settings
 from estlab.ensemble import (
     SMOOTHED,
@@ -82,8 +82,14 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
     first = record_of(settings, names, next(blocks_of(settings)))
     directory.describe(data=rundir.hashes(first.files), steps=first.time.size)
-    with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
-        ensemble = estimated(settings, names, first, progress)
+    if settings.parts:
+        ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
+    else:
+        with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
+            ensemble = estimated(settings, names, first, progress)
+    if settings.part is not None:
+        directory.write(parts.FILE, partial(parts.save, ensemble))
+        return []
     directory.describe(seconds_per_run_and_step=ensemble.cost())
     _log_outcome(ensemble, len(runs))
     bound = _bound(settings, names, first)

@@ -1,4 +1,4 @@
-"""Totals of runs as plain arrays, to be kept in a file and added up elsewhere. Data alone: nothing in it is executed."""
+"""Totals of runs as plain arrays, to be kept in a file and added up elsewhere: data alone, nothing is executed."""
 
 from collections.abc import Iterator, Mapping
 

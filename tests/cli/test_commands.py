@@ -371,6 +371,47 @@ def test_several_filters_are_compared_and_each_gets_a_verdict(capsys):
     assert set(verdicts["filter"]) == {"ekf", "ukf", "dead_reckoning"}
 
 
+def test_parts_of_an_ensemble_put_together_are_what_one_process_finds():
+    common = [
+        "run",
+        "scenario=field",
+        "filter=[ekf,pf]",
+        "filters.pf.particles=40",
+        "runs=23",
+        "steps=30",
+        "plots=false",
+    ]
+    common += ["block_runs=3", "keep_runs=4"]
+    assert main([*common, "hydra.run.dir=one"]) == 0
+    for i in (2, 0, 1):
+        assert main([*common, f"part=[{i},3]", f"hydra.run.dir=part{i}"]) == 0
+    assert main([*common, "parts=[part1,part0,part2]", "hydra.run.dir=merged"]) == 0
+    for name in (
+        "metrics.csv",
+        "tests.csv",
+        "errors.csv",
+        "nees.csv",
+        "coverage.csv",
+        "histograms.csv",
+        "verdicts.csv",
+    ):
+        assert (Path("one") / name).read_bytes() == (Path("merged") / name).read_bytes(), name
+    with np.load("one/estimates.npz") as one, np.load("merged/estimates.npz") as merged:
+        for name in one:
+            np.testing.assert_array_equal(one[name], merged[name])
+
+
+def test_parts_that_are_missing_or_of_another_ensemble_are_named(capsys):
+    common = ["run", "scenario=field", "filter=ekf", "runs=8", "steps=10", "plots=false", "block_runs=2", "keep_runs=2"]
+    assert main([*common, "part=[0,2]", "hydra.run.dir=part0"]) == 0
+    assert main([*common, "parts=[part0]", "hydra.run.dir=a"]) == 2
+    assert "its parts hold 2 of 4 blocks" in capsys.readouterr().err
+    assert main([*common, "parts=[part0,part1]", "hydra.run.dir=b"]) == 2
+    assert "part1/part.npz: not a part of this ensemble" in capsys.readouterr().err
+    assert main([*common, "part=[2,2]"]) == 2
+    assert "part must be [which, of how many]" in capsys.readouterr().err
+
+
 def test_one_run_of_an_ensemble_can_be_made_again_alone(capsys):
     common = ["run", "scenario=field", "filter=pf", "filter.particles=50", "steps=20", "plots=false"]
     assert main([*common, "runs=6", "hydra.run.dir=all"]) == 0
