@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from estlab.config import Settings
     from estlab.experiment import Names
+    from estlab.rundir import RunDirectory
 
 _BEGAN = time.time()
 
@@ -38,6 +39,7 @@ _TOLD = (
     "plugins=",
     "keep_runs=",
     "block_runs=",
+    "sweep.",
 )
 
 
@@ -108,19 +110,29 @@ def run_job(command: list[str], config: "DictConfig") -> int:
     except BaseException:
         _remove_if_ours(folder, Path(str(config.output)))
         raise
+
+    def work() -> None:
+        directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
+        directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
+        directory.link_latest(Path(settings.output))
+        experiment.run(settings, names, directory, command)
+
+    return concluded(directory, work)
+
+
+def concluded(directory: "RunDirectory", work: Callable[[], None]) -> int:
+    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone."""
     try:
         with directory.logged():
-            directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
-            directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
-            directory.link_latest(Path(settings.output))
-            experiment.run(settings, names, directory, command)
+            work()
     except KeyboardInterrupt:
-        directory.finish("interrupted", "interrupted by the user")
+        directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
         raise
     except (Exception, SystemExit) as error:
-        message = _reason(error, folder / rundir.LOG)
-        directory.finish("failed", message)
-        return complain(message, USAGE if isinstance(error, UserError) else FAILED)
+        message = _reason(error, directory.path / "log.txt")
+        code = USAGE if isinstance(error, UserError) else FAILED
+        directory.finish("failed", message, code)
+        return complain(message, code)
     directory.finish("ok")
     return OK
 
@@ -135,10 +147,17 @@ def simulate_job(config: "DictConfig") -> int:
 
 def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     """The composed configuration as objects, and what the user called them."""
+    from estlab.config import build
+
+    plain, names = described(config)
+    return build(plain), names
+
+
+def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
+    """The composed configuration as plain data, and what the user called its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab.config import build
     from estlab.experiment import Names
 
     hydra = HydraConfig.get()
@@ -156,7 +175,7 @@ def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return build(plain), Names(scenario, filter, changes)
+    return plain, Names(scenario, filter, changes)
 
 
 def _reason(error: BaseException, log: Path) -> str:
