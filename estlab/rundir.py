@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,14 +36,14 @@ _STATUS_BYTES = 2048
 class RunDirectory:
     """A directory that one run has to itself. Every file in it is written whole or not at all."""
 
-    def __init__(self, path: Path) -> None:
-        """Claim a directory, which is made if it is not there.
+    def __init__(self, path: Path, **facts: Any) -> None:
+        """Claim a directory, which is made if it is not there; facts are for run.json.
 
         Raises UserError if another run has it or it cannot be written.
         """
         self.path = path
         self._began = time.time()
-        self._facts: dict[str, Any] = {}
+        self._facts: dict[str, Any] = facts
         self._git = _git_state(Path(__file__).parent)
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -164,6 +165,7 @@ def _iso(stamp: float) -> str:
     return datetime.fromtimestamp(stamp).astimezone().isoformat()
 
 
+@cache
 def _version(package: str) -> str | None:
     try:
         return version(package)

@@ -1,6 +1,8 @@
 """The pictures of a sweep, drawn from its table: a curve with its interval for one number swept, a map for two."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +19,11 @@ _COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7", "C3")
 _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
 _CELLS = 8  # rows and columns of a map up to which its numbers are written in it
+_TICKS = 12  # values of a key up to which each is a tick
 _ROUND = ("anees", "anis")  # metrics that are 1 when the filter is consistent
 
 
-def draw_all(path: Path, keys: Sequence[str], units: Mapping[str, str], save: Save) -> list[str]:
+def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, str], save: Save) -> list[str]:
     """Draw a figure a metric from sweep.csv or groups.csv and hand each to ``save``; what could not be drawn.
 
     keys: the swept keys but for the filter. units: of each metric's column.
@@ -46,7 +49,8 @@ def draw_all(path: Path, keys: Sequence[str], units: Mapping[str, str], save: Sa
             figure = draw_curves(table, columns, numbers[0], series, units)
         else:
             figure = draw_points(table, columns, series, units)
-        save(f"{metric}.png", lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=110))
+        figure.suptitle(textwrap.fill(title, int(10 * figure.get_figwidth())), fontsize=9)
+        save(f"{metric}.png", partial(figure.savefig, format="png", dpi=110))
     return []
 
 
@@ -63,7 +67,7 @@ def draw_curves(
                 low, high = rows[f"{column}.low"], rows[f"{column}.high"]
                 axes.fill_between(rows[key], low, high, color=colour, alpha=0.18, lw=0)
         _label(axes, column, units)
-        _scale(axes.set_xscale, table[key])
+        _key_scale(axes, table[key])
         _value_scale(axes, table[column])
     panels[-1].set_xlabel(key)
     _legend(figure, panels[0], series)
@@ -107,8 +111,8 @@ def draw_maps(
         scale = LogNorm(low, high) if low > 0.0 and high > 30.0 * low else Normalize(low, high)
         for axes, name in zip(row, series, strict=True):
             rows = table[table["_series"] == name]
-            values = rows.pivot_table(index=down, columns=across, values=column, aggfunc="mean", dropna=False)
-            values = values.reindex(index=ys, columns=xs).to_numpy(dtype=float)
+            grid_of = rows.pivot_table(index=down, columns=across, values=column, aggfunc="mean", dropna=False)
+            values = grid_of.reindex(index=ys, columns=xs).to_numpy(dtype=float)
             image = axes.pcolormesh(np.ma.masked_invalid(values), norm=scale, cmap="viridis")
             _write_numbers(axes, values, scale)
             axes.set_xticks(np.arange(len(xs)) + 0.5, [f"{x:g}" for x in xs], rotation=90 if len(xs) > _CELLS else 0)
@@ -161,9 +165,13 @@ def _value_scale(axes: "Axes", values: "Series[float]") -> None:
         axes.set_yscale("log")
 
 
-def _scale(set_scale: Callable[[str], object], values: "Series[float]") -> None:
+def _key_scale(axes: "Axes", values: "Series[float]") -> None:
+    """Logarithmic where the values are steps of a factor; the values themselves as ticks while there is room."""
     if values.min() > 0.0 and values.max() >= 10.0 * values.min():
-        set_scale("log")
+        axes.set_xscale("log")
+    if values.nunique() <= _TICKS:
+        axes.set_xticks(sorted(values.unique()), [f"{value:g}" for value in sorted(values.unique())])
+        axes.minorticks_off()
 
 
 def _legend(figure: "Figure", axes: "Axes", series: Sequence[str]) -> None:

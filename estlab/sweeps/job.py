@@ -40,10 +40,10 @@ class Job:
         from estlab import experiment
         from estlab.config import build
 
-        directory = rundir.RunDirectory(Path(self.folder))
+        mark = state.fingerprint(self.plain, self.scenario, self.filter)
+        directory = rundir.RunDirectory(Path(self.folder), fingerprint=mark)
 
         def work() -> None:
-            directory.describe(fingerprint=state.fingerprint(self.plain, self.scenario, self.filter))
             directory.write_text(rundir.CONFIG, self.config)
             directory.write_text(rundir.OVERRIDES, self.typed)
             names = experiment.Names(self.scenario, self.filter, tuple(self.changes))
@@ -94,7 +94,7 @@ def _job(config: "DictConfig", folder: Path) -> Job:
         changes=list(names.changes),
         config=OmegaConf.to_yaml(config, resolve=True),
         typed=OmegaConf.to_yaml(typed),
-        overrides=[str(word) for word in typed],
+        overrides=[str(word) for word in typed if not word.startswith("sweep.")],
     )
 
 

@@ -1,4 +1,4 @@
-"""The live line of a sweep and each failure as it happens, read from the jobs' directories whatever engine runs them."""
+"""The live line of a sweep and each failure as it happens, read from the jobs' directories, whoever runs them."""
 
 import sys
 import threading

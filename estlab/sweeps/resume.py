@@ -40,5 +40,5 @@ def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:
         raise UserError(f"{sweep}: its data.path is relative; resume it from {plan['folder']}")
     given = {word.partition("=")[0] for word in more}
     own = [word for word in own if not (word.startswith("sweep.") and word.partition("=")[0] in given)]
-    place = str(sweep.absolute()).replace("'", "\\'")
+    place = str(sweep.resolve()).replace("'", "\\'")
     return [*(word for word in own if word not in ("-m", "--multirun")), f"sweep.dir='{place}'"]

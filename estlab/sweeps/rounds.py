@@ -61,8 +61,11 @@ class Rounds:
                 self._fail(job, getattr(result, "_return_value", None))
 
     def _launched(self, jobs: "Sequence[Planned]") -> "Returns[JobReturn]":
+        from hydra.core.hydra_config import HydraConfig
         from hydra.core.plugins import Plugins
 
+        # joblib and submitit ask for a job's name before they have set its configuration.
+        HydraConfig.instance().set_config(self.config)
         launcher = Plugins.instance().instantiate_launcher(
             hydra_context=self.context, task_function=task, config=self.config
         )

@@ -29,7 +29,7 @@ class Sweep:
 
         self.context, self.config = context, config
         self.limits = sweep_settings(cast(dict[str, object], OmegaConf.to_container(config.sweep, resolve=True)))
-        self.directory = Path(str(config.hydra.sweep.dir)).absolute()  # for workers that stand elsewhere
+        self.directory = Path(str(config.hydra.sweep.dir)).resolve()  # for workers that stand elsewhere
         self.errors: dict[str, str] = {}
 
     def run(self, words: Sequence[str]) -> int:
@@ -65,7 +65,7 @@ class Sweep:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
-        told.summary(self.directory, planned, outcomes, notes)
+        told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         if interrupted:
             complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
         return code
@@ -80,6 +80,8 @@ class Sweep:
                     "wait for it or end it, then resume"
                 )
         told.resumed(self.directory, planned, before)
+        for job in left:
+            state.set_aside(self.directory / job.name)
         (self.directory / state.STOP).unlink(missing_ok=True)
         rounds = Rounds(self.context, self.config, self.directory, self.limits)
         self.errors = rounds.errors

@@ -37,12 +37,18 @@ def write_all(
         _write(sweep / GROUPS, group_rows(rows, planned))
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweeps.draw_all(sweep / shown, keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
+    return sweeps.draw_all(sweep / shown, _common(planned), keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:
     """The keys with several values, but for the filter, which has a column anyway."""
     return [key for key in dict.fromkeys(key for job in planned for key in job.values) if key != "filter"]
+
+
+def _common(planned: Sequence[Planned]) -> str:
+    """What is typed for every job, but for what changes no figure of it."""
+    words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
+    return " ".join(word for word in words if not word.startswith(("sweep.", "plots=", "output=")))
 
 
 def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:

@@ -15,16 +15,19 @@ from estlab.sweeps.state import Outcome, Planned
 _LINES = 40  # rows of a table that are shown
 _FAILURES = 20
 
+_WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
+
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
     out = terminal.console()
     width = max(len(job.name) for job in planned)
     for job in planned:
+        words = [word for word in job.overrides if not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
-        out.print(Text(f"{job.name:{width}}  {' '.join(job.overrides)}{done}"), soft_wrap=True)
+        out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
     left = sum(outcome.state != "ok" for outcome in outcomes.values())
-    out.print(f"{len(planned)} jobs, {left} to run")
+    out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}, {left} to run")
 
 
 def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
@@ -35,52 +38,58 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
     print(f"estlab: {sweep}: {states['ok']} of {len(planned)} jobs are ok, the others run", file=sys.stderr)
     for name, outcome in before.items():
         if outcome.state == "damaged":
-            kept = f"its files are kept in {state.ATTEMPTS}/"
+            kept = f"what there is of it is kept in {state.ATTEMPTS}/"
             print(f"estlab: job {name}: {outcome.error}; it runs again, {kept}", file=sys.stderr)
 
 
-def summary(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], notes: Sequence[str]) -> None:
-    """A line a job and filter, every failure, how many of each, and where it all is."""
+def summary(
+    sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, notes: Sequence[str]
+) -> None:
+    """A line a job and filter, or a line a group of repeats; every failure, how many of each, and where it all is."""
     out = terminal.console()
-    rows = table.job_rows(planned, outcomes)
-    out.print(_jobs(rows[:_LINES], [*table.swept_keys(planned), "filter"], table.units(outcomes)))
+    rows = jobs = table.job_rows(planned, outcomes)
+    keys = [*table.swept_keys(planned), "filter"]
+    columns = ["job", *keys, "status"]
+    if repeats > 1:
+        rows = table.group_rows(jobs, planned)
+        columns = [*(key for key in keys if key != "seed"), "repeats"]
+    out.print(_table(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
-        out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP}")
-    failures = [
-        row
-        for row in table.failure_rows(sweep, planned, outcomes)
-        if not row["directory"].startswith(f"{state.ATTEMPTS}/")
-    ]
-    for row in failures[:_FAILURES]:
-        out.print(Text(f"failed: {row['job']}: {row['error']} ({sweep / row['directory']})"), soft_wrap=True)
-    if len(failures) > _FAILURES:
-        out.print(f"and {len(failures) - _FAILURES} failures more in {table.FAILURES}")
+        out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
+    _print_failures(sweep, [(job.name, outcomes[job.name]) for job in planned])
     for note in notes:
         out.print(Text(f"note: {note}"), soft_wrap=True)
-    counts = Counter(row["status"] for row in {row["job"]: row for row in rows}.values())
+    counts = Counter({row["job"]: row["status"] for row in jobs}.values())
     out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "failed", "left") if counts[word]))
     out.print(Text(str(sweep)), soft_wrap=True)
 
 
-def _jobs(rows: Sequence[table.Row], keys: Sequence[str], units: Mapping[str, str]) -> Table:
+def _print_failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+    out = terminal.console()
+    failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
+    for name, found in failed[:_FAILURES]:
+        out.print(Text(f"failed: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
+    if len(failed) > _FAILURES:
+        out.print(f"and {len(failed) - _FAILURES} failures more in {table.FAILURES}")
+
+
+def _table(rows: Sequence[table.Row], columns: Sequence[str], units: Mapping[str, str]) -> Table:
     shown = Table(box=None, pad_edge=False)
     metrics = _metrics(rows)
-    headings = [f"{name.replace('rmse.', 'RMSE ')} [{units[name]}]" if units.get(name) else name for name in metrics]
-    headings = [
-        heading.replace("anees.all", "NEES / n").replace("anis.all", "NIS / m").replace(".all", "")
-        for heading in headings
-    ]
-    for i, heading in enumerate(["job", *keys, "status", *headings]):
-        shown.add_column(Text(heading), justify="left" if i == 0 else "right")
+    for i, column in enumerate([*columns, *metrics]):
+        shown.add_column(Text(_heading(column, units)), justify="left" if i == 0 else "right")
     for row in rows:
+        told = [row[column].partition("_")[0] if column == "job" else row[column] for column in columns]
         numbers = [f"{float(row[name]):.3g}" if row[name] else "" for name in metrics]
-        shown.add_row(
-            *(
-                Text(cell)
-                for cell in [row["job"].partition("_")[0], *(row[key] for key in keys), row["status"], *numbers]
-            )
-        )
+        shown.add_row(*(Text(cell) for cell in [*told, *numbers]))
     return shown
+
+
+def _heading(column: str, units: Mapping[str, str]) -> str:
+    if column in _WORDS:
+        return _WORDS[column]
+    unit = f" [{units[column]}]" if units.get(column) else ""
+    return column.replace("rmse.", "RMSE ") + unit
 
 
 def _metrics(rows: Sequence[table.Row]) -> list[str]:
@@ -88,4 +97,4 @@ def _metrics(rows: Sequence[table.Row]) -> list[str]:
     columns = list(rows[0]) if rows else []
     errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]
     errors = [c for c in errors if c == "rmse.position"] or errors[:4]
-    return [*errors, *(c for c in ("anees.all", "anis.all", "diverged.all") if c in columns)]
+    return [*errors, *(column for column in _WORDS if column in columns)]
