@@ -23,7 +23,7 @@ def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str],
     fixed, swept = _parsed(context, words)
     if limits.repeats > 1 and "seed" in swept:
         raise UserError("sweep.repeats repeats each job by seed; leave seed=... with several values out")
-    if not any(word.startswith("plots=") for word in fixed) and "plots" not in swept:
+    if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
         fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
     jobs: list[Planned] = []
     for values in combinations({_bare(key): list(words) for key, words in swept.items()}, limits.zip):

@@ -66,7 +66,7 @@ class _Watch:
                 self.done += 1
                 self.new += 1
                 del self.pending[name]
-            elif found.state != "running":
+            elif found.state == "failed":  # what cannot be read may be half written yet
                 self.failed.add(name)
                 self._tell(name, found)
         self.bar.update(self.row, completed=self.done + len(self.failed), description=self._words())

@@ -58,7 +58,7 @@ def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
     try:
         stamp = json.loads((folder / rundir.STATUS).read_text())
         state, error, code = stamp["status"], stamp.get("error", ""), stamp.get("exit_code", 0)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return Outcome("left")
     except (OSError, ValueError, KeyError, TypeError):
         return Outcome("damaged", f"{rundir.STATUS} cannot be read", 1)

@@ -61,7 +61,8 @@ class Sweep:
         outcomes = self._outcomes(planned)
         code = INTERRUPTED if interrupted else _exit_code(outcomes.values())
         try:
-            notes = table.write_all(self.directory, planned, outcomes, self.limits.repeats, self.limits.zip)
+            table.write_all(self.directory, planned, outcomes, self.limits.repeats)
+            notes = self._plots(planned, outcomes)
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
@@ -90,6 +91,11 @@ class Sweep:
                 rounds.run(left)
         finally:
             (self.directory / state.STOP).unlink(missing_ok=True)
+
+    def _plots(self, planned: list[Planned], outcomes: dict[str, Outcome]) -> list[str]:
+        if not self.config.plots:
+            return []
+        return table.draw_all(self.directory, planned, outcomes, self.limits.repeats, self.limits.zip)
 
     def _outcomes(self, planned: Sequence[Planned]) -> dict[str, Outcome]:
         found = {job.name: state.outcome(self.directory / job.name, job.fingerprint) for job in planned}

@@ -22,22 +22,25 @@ Row = dict[str, str]
 VERDICT = "verdict"  # a metric whose component is its value, a word
 
 
-def write_all(
-    sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, zipped: Sequence[str]
-) -> list[str]:
-    """Write sweep.csv, failures.csv, with repeats groups.csv, and the plots; what there is to say of them."""
-    from estlab.report import sweeps
-
+def write_all(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int) -> None:
+    """Write sweep.csv, failures.csv and, with repeats, groups.csv."""
     rows = job_rows(planned, outcomes)
     _write(sweep / SWEEP, rows)
     _write(sweep / FAILURES, failure_rows(sweep, planned, outcomes), ("job", "attempt", "status", "error", "directory"))
-    shown = SWEEP
     if repeats > 1:
-        shown = GROUPS
         _write(sweep / GROUPS, group_rows(rows, planned))
+
+
+def draw_all(
+    sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, zipped: Sequence[str]
+) -> list[str]:
+    """Draw the plots from the tables; what could not be drawn."""
+    from estlab.report import sweeps
+
+    shown = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweeps.draw_all(sweep / shown, _common(planned), keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
+    return sweeps.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:

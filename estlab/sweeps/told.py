@@ -35,7 +35,8 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
     states = Counter(outcome.state for outcome in before.values())
     if states["left"] == len(planned):
         return
-    print(f"estlab: {sweep}: {states['ok']} of {len(planned)} jobs are ok, the others run", file=sys.stderr)
+    rest = "the others run" if states["ok"] < len(planned) else "nothing is left to run"
+    print(f"estlab: {sweep}: {states['ok']} of {len(planned)} jobs are ok, {rest}", file=sys.stderr)
     for name, outcome in before.items():
         if outcome.state == "damaged":
             kept = f"what there is of it is kept in {state.ATTEMPTS}/"
