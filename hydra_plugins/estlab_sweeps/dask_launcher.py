@@ -1,5 +1,6 @@
 """Hydra's jobs on the workers of a dask.distributed cluster: one on this machine, or one that runs already."""
 
+import pickle
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -17,15 +18,20 @@ if TYPE_CHECKING:
 class DaskLauncher(Launcher):
     """One task a job. A worker that dies takes its own job with it, which the scheduler gives to another."""
 
-    def __init__(self, address: str | None, workers: int | None, allowed_failures: int) -> None:
+    def __init__(self, address: str | None, workers: int | None, allowed_failures: int, patience: float) -> None:
         self.address, self.workers, self.allowed_failures = address, workers, allowed_failures
+        self.patience = patience
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         self.context, self.task_function, self.config = hydra_context, task_function, config
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+        import cloudpickle
+
         with self._client() as client:
-            shared = client.scatter((self.context, self.config, self.task_function, Singleton.get_state()), hash=False)
+            everything = cloudpickle.dumps((self.context, self.config, self.task_function, Singleton.get_state()))
+            # A task's result, which is made again when the worker that holds it dies; scattered data is gone then.
+            shared = client.submit(_same, everything, pure=False)
             numbered = enumerate(job_overrides, initial_job_idx)
             futures = [client.submit(_run, shared, list(words), number, pure=False) for number, words in numbered]
             return [_returned(future) for future in futures]
@@ -49,16 +55,20 @@ class DaskLauncher(Launcher):
                 yield client
             return
         try:
-            client = Client(self.address, timeout=10)
+            client = Client(self.address, timeout=self.patience)
         except (OSError, ValueError) as error:
             raise UserError(f"hydra.launcher.address={self.address}: no scheduler answers there ({error})") from error
         with client:
             yield client
 
 
-def _run(shared: tuple[Any, ...], words: list[str], number: int) -> JobReturn:
+def _same(everything: bytes) -> bytes:
+    return everything
+
+
+def _run(everything: bytes, words: list[str], number: int) -> JobReturn:
     """In a worker: what Hydra's own launchers do in theirs."""
-    context, config, task_function, singletons = shared
+    context, config, task_function, singletons = pickle.loads(everything)
     setup_globals()
     Singleton.set_state(singletons)
     job_config = context.config_loader.load_sweep_config(config, words)

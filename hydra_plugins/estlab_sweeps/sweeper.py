@@ -15,11 +15,10 @@ class EstlabSweeper(Sweeper):
         self.params = params
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        self.hydra_context = hydra_context
-        self.config = config
+        self.given = hydra_context, config
 
     def sweep(self, arguments: list[str]) -> Any:
         from estlab.sweeps.sweep import Sweep
 
         words = [f"{key}={value}" for key, value in (self.params or {}).items()]
-        raise SystemExit(Sweep(self.hydra_context, self.config).run([*words, *arguments]))
+        raise SystemExit(Sweep(*self.given).run([*words, *arguments]))
