@@ -60,7 +60,7 @@ def _dispatch(arguments: list[str]) -> int:
     elif command == "list":
         return _list(rest)
     elif command in ("run", "sweep"):
-        if command == "sweep":
+        if command == "sweep" or {"-m", "--multirun"} & set(rest):
             from estlab.sweeps.resume import without_own_flags
 
             rest = without_own_flags(rest)
