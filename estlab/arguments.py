@@ -40,7 +40,34 @@ def prepared(arguments: list[str]) -> list[str]:
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
         _check_engine(argument)
-    return _several_filters(arguments)
+    return _without_the_files_expectations(_expectations(_several_filters(arguments)))
+
+
+def _without_the_files_expectations(arguments: list[str]) -> list[str]:
+    """In a sweep, what is typed alone is expected: a file's expectations are of its own values, not of those swept.
+
+    The switch stands before the first key, since Hydra takes no flag between keys, and what is typed adds to it.
+    """
+    sweep = any(re.fullmatch(r"-m|--multirun|\+*hydra\.mode=.*MULTIRUN.*", argument) for argument in arguments)
+    first = next((i for i, argument in enumerate(arguments) if re.match(r"[^-].*=|~", argument)), None)
+    if not sweep or first is None:
+        return arguments
+    return [*arguments[:first], "expect=null", *arguments[first:]]
+
+
+def _expectations(arguments: list[str]) -> list[str]:
+    """expect.rmse.x=[0.1,0.2] as what Hydra takes for it: a key that may be new, and a value that merges with none."""
+    written: list[str] = []
+    for argument in arguments:
+        match = re.fullmatch(r"\+{0,2}(expect(?:\.[^=]+)?)=(.*)", argument, re.DOTALL)
+        if argument == "~expect" or re.fullmatch(r"\+{0,2}expect=\s*(null|\{\s*\})?\s*", argument):
+            written.append("expect=null")
+        elif match is None:
+            written.append(argument)
+        else:
+            key, value = match.groups()
+            written += [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
+    return written
 
 
 def _check_engine(argument: str) -> None:

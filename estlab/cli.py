@@ -20,14 +20,17 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
   estlab sweep ... --dry-run               list its jobs and run none
   estlab sweep --resume DIR                run what is not done of a sweep that was stopped
+  estlab verify                            run every experiment that says what it finds, and hold it to that
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
   estlab list [scenarios|filters|experiments]  what there is
   estlab run --help                        every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
 
-Exit codes: 0 ok, 1 a run failed, 2 usage or configuration, 3 some jobs of a sweep failed, 130 interrupted.
+Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration,
+3 some jobs of a sweep failed, 130 interrupted.
 """
 
+_COMMANDS = ("run", "sweep", "verify", "simulate", "list")
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
 
@@ -67,6 +70,10 @@ def _dispatch(arguments: list[str]) -> int:
         return launch(
             [*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, ["estlab", *arguments])
         )
+    elif command == "verify":
+        from estlab.verify import verify
+
+        return verify(rest)
     elif command == "simulate":
         if {"-m", "--multirun"} & set(rest):
             raise UserError("estlab simulate writes one data set; leave out --multirun")
@@ -79,9 +86,7 @@ def _dispatch(arguments: list[str]) -> int:
     else:
         from estlab.config import nearest
 
-        raise UserError(
-            f"there is no command {command}{nearest(command, ['run', 'sweep', 'simulate', 'list'])} (see estlab --help)"
-        )
+        raise UserError(f"there is no command {command}{nearest(command, _COMMANDS)} (see estlab --help)")
     return OK
 
 
@@ -122,14 +127,16 @@ def _complete(arguments: list[str]) -> int:
     if not any(argument.startswith("query=") for argument in arguments):
         return launch(["-sc", *arguments], simulate_job)
     if at_second:
-        print(
-            " ".join(
-                w for w in ("run", "sweep", "simulate", "list") if w.startswith(words[1] if len(words) > 1 else "")
-            )
-        )
+        print(" ".join(w for w in _COMMANDS if w.startswith(words[1] if len(words) > 1 else "")))
         return OK
     if words[1] == "list":
         print(" ".join(_GROUPS))
         return OK
+    if words[1] == "verify":
+        from estlab.verify import experiment_files
+
+        begun = "" if line.endswith(" ") else words[-1]
+        print(" ".join(name for name in experiment_files(None) if name.startswith(begun)))
+        line = " ".join([*words[:2], *(word for word in words[2:] if "=" in word and word != begun), begun])
     os.environ["COMP_LINE"] = re.sub(r"^(\s*\S+\s+)\S+\s", r"\1", line, count=1)
     return launch(["-sc", *arguments], simulate_job)

@@ -21,7 +21,10 @@ def one_line(error: Exception, arguments: list[str]) -> str:
             return f"write +{written}: an experiment is added to the configuration"
         known = _known_keys(arguments)
         if among := re.match(r"filters\.(\w+)\.", wrong):
-            alone = unknown_key(wrong.replace(among[0], "filter."), known)
+            one = wrong.replace(among[0], "filter.")
+            if one in known:
+                return f"{wrong}: there is no {among[1]} among several filters here; a single one takes {one}"
+            alone = unknown_key(one, known)
             return re.sub(r"\bfilter\.", among[0], alone)
         return f"{wrong} is not a key of every job here" if wrong in known else unknown_key(wrong, known)
     if match := re.search(
@@ -34,6 +37,11 @@ def one_line(error: Exception, arguments: list[str]) -> str:
         return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (
             f" (one of {', '.join(options)})" if options else ""
         )
+    if match := re.search(r"invalid literal for int\(\) with base 10: '(\w+)'", text):
+        for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
+            stem, dot, rest = key.partition(f".{match[1]}")
+            if dot and not rest and stem.startswith("expect."):
+                return f"{key}: {stem} is a list here; replace it whole, as {stem}={{{match[1]}: {value}}}"
     said = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
     if re.search(r"Lexer|Error parsing override", said):
         return f"{said.split('; ')[0]}: write key=value, with quotes around values that have other signs in them"

@@ -17,6 +17,7 @@ from typing import Any, Literal, Union
 
 from estlab.errors import UserError
 from estlab.filters.contract import Filter
+from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.contract import Scales, Scenario
 
 Node = Mapping[str, Any]
@@ -70,14 +71,17 @@ class Settings:
     noise: Noise
     data: Data
     runs: int
+    run_index: int | None
     steps: int | None
     seed: int
     keep_runs: int
     block_runs: int
     smooth: bool
+    verdict: Tolerance
     plots: bool
     output: str
     plugins: list[str]
+    expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
     sweep: Sweep
 
     def __post_init__(self) -> None:
@@ -85,8 +89,15 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:
                 raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
-        if self.seed < 0:
-            raise ValueError(f"seed must be >= 0, got {self.seed}")
+        for name in ("seed", "run_index"):
+            value = getattr(self, name)
+            if value is not None and value < 0:
+                raise ValueError(f"{name} must be >= 0, got {value}")
+
+    @property
+    def run_numbers(self) -> range:
+        """The numbers of the runs: from 0 on, or the one that is asked for alone."""
+        return range(self.runs) if self.run_index is None else range(self.run_index, self.run_index + 1)
 
 
 def build(config: Node) -> Settings:
@@ -136,7 +147,8 @@ def unknown_key(path: str, known: Sequence[str]) -> str:
     group = path.rpartition(".")[0]
     siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
     takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
-    return f"unknown key {path}{nearest(path, known) or takes}"
+    near = nearest(path, known)
+    return unknown_key(group, known) if group and not (near or siblings) else f"unknown key {path}{near or takes}"
 
 
 def key_paths(config: Any, prefix: str = "") -> list[str]:
@@ -178,6 +190,8 @@ class _Builder:
         """The value as the type, or a UserError that names the key."""
         if value == "???":
             raise UserError(f"{path} must be given, for example {path}=...")
+        if hint is Any:
+            return value
         if isinstance(value, Mapping):
             if "_target_" in value:
                 make = _resolve(value["_target_"], hint, f"{path}._target_", self.allowed)
@@ -226,8 +240,6 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
         return value
     if hint is str and number:
         return str(value)
-    if hint is Any:
-        return value
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
 

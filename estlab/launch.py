@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from estlab.config import Settings
-    from estlab.experiment import Names
+    from estlab.ensemble import Names
+    from estlab.expectations import Finding
     from estlab.rundir import RunDirectory
 
 _BEGAN = time.time()
@@ -39,6 +40,8 @@ _TOLD = (
     "plugins=",
     "keep_runs=",
     "block_runs=",
+    "expect",
+    "++expect",
     "sweep.",
 )
 
@@ -95,12 +98,15 @@ def _interrupt(number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def run_job(command: list[str], config: "DictConfig") -> int:
-    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption."""
+def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:
+    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption.
+
+    told: is given what was found of what was expected.
+    """
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab import experiment, rundir
+    from estlab import expectations, experiment, rundir
 
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
@@ -108,23 +114,29 @@ def run_job(command: list[str], config: "DictConfig") -> int:
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
-        _remove_if_ours(folder, Path(str(config.output)))
+        remove_if_ours(folder, Path(str(config.output)))
         raise
 
-    def work() -> None:
+    def work() -> str:
         directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
         directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
         directory.link_latest(Path(settings.output))
-        experiment.run(settings, names, directory, command)
+        findings = experiment.run(settings, names, directory, command)
+        if told:
+            told(findings)
+        return expectations.unmet(findings)
 
     return concluded(directory, work)
 
 
-def concluded(directory: "RunDirectory", work: Callable[[], None]) -> int:
-    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone."""
+def concluded(directory: "RunDirectory", work: Callable[[], str]) -> int:
+    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
+
+    work: gives what was expected and not found, nothing if all was.
+    """
     try:
         with directory.logged():
-            work()
+            unmet = work()
     except KeyboardInterrupt:
         directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
         raise
@@ -133,8 +145,8 @@ def concluded(directory: "RunDirectory", work: Callable[[], None]) -> int:
         code = USAGE if isinstance(error, UserError) else FAILED
         directory.finish("failed", message, code)
         return complain(message, code)
-    directory.finish("ok")
-    return OK
+    directory.finish("failed" if unmet else "ok", unmet, FAILED if unmet else OK)
+    return complain(unmet, FAILED) if unmet else OK
 
 
 def simulate_job(config: "DictConfig") -> int:
@@ -158,7 +170,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab.experiment import Names
+    from estlab.ensemble import Names
 
     hydra = HydraConfig.get()
     if config.get("plugins"):
@@ -192,7 +204,7 @@ def _reason(error: BaseException, log: Path) -> str:
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 
 
-def _remove_if_ours(folder: Path, output: Path) -> None:
+def remove_if_ours(folder: Path, output: Path) -> None:
     """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error.
 
     Only what is empty and was made since this process began, and never a folder outside ``output`` but the run's own.

@@ -39,6 +39,9 @@ class Record:
     shown: further arrays for a problem's own pictures, kept in the run directory.
     repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
     sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the shown.
+    origin: the truth (n, runs) at start where errors have a bound (estlab.metrics.bound): truth and readings are drawn
+    from the scenario's own motion and sensor with the truth's noises, and the prior is a Gaussian that says no less
+    of the start than is known. Else None.
     """
 
     start: float
@@ -54,6 +57,7 @@ class Record:
     shown: dict[str, Array] = field(default_factory=dict)
     repeated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
+    origin: Array | None = None
 
     @property
     def runs(self) -> int:
@@ -83,13 +87,14 @@ class Record:
 class Estimates:
     """A filter's belief after each step, and how the readings fitted.
 
-    mean: (n, T, runs). cov: (n, n, T, runs). nis: (T, runs), the normalised innovation squared summed over the step's
-    readings. nis_size: (T, runs), how many numbers were measured, the degrees of freedom of nis.
+    mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
+    whitened, NaN where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
+    covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     """
 
     mean: Array
     cov: Array
-    nis: Array
-    nis_size: Array
+    whitened: Array
+    sample: Array | None
     notes: dict[str, Array]

@@ -26,7 +26,9 @@ State = Literal["running", "ok", "failed", "interrupted"]
 
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
 ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
-ESTIMATES, PLOTS = "estimates.npz", "plots"
+TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
+COMPARISON = "comparison.csv"
+ESTIMATES, PLOTS, EXPECTATIONS = "estimates.npz", "plots", "expectations.csv"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
 # The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.

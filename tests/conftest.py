@@ -10,6 +10,11 @@ from omegaconf import OmegaConf
 from estlab.config import Settings, build
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
+from estlab.metrics.consistency import consistency_tests
+from estlab.metrics.rows import Row, metric_rows
+from estlab.metrics.scores import Limits
+from estlab.metrics.tally import Tally
+from estlab.metrics.verdict import Tolerance, judge
 from estlab.paths import conf_folder
 from estlab.record import Estimates
 
@@ -42,6 +47,20 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the real recordings are not beside this checkout (../shared/data)")
     return SHARED
+
+
+def tallied(problem, record, estimates, numbers=None) -> Tally:
+    """The tally of one block of a scenario's runs, from number 0 unless told."""
+    limits = Limits(getattr(problem, "found_within", None), getattr(problem, "lost_beyond", None))
+    tally = Tally(problem.space, record.time, limits, record.repeated)
+    tally.add(record, estimates, numbers or range(record.truth.shape[2]))
+    return tally
+
+
+def metrics(tally, bound=None) -> dict[tuple[str, str], Row]:
+    """Rows of figures by metric and component."""
+    verdict = judge(tally, consistency_tests(tally), Tolerance(0.05, 0.01))
+    return {(row.metric, row.component): row for row in metric_rows(tally, verdict, bound)}
 
 
 def estimate(filter, motion, sensor, record, scheme="sequential", pause=0.0, numbers=None) -> Estimates:

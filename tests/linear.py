@@ -9,6 +9,7 @@ from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 
 STATE = Space(("position", "velocity", "bias"), ("m", "m/s", "m"))
+space = STATE  # as a scenario has it
 READING = Space(("sum", "position"), ("m", "m"))
 A = np.array([[1.0, 0.1, 0.0], [0.0, 0.98, 0.0], [0.0, 0.0, 0.95]])
 G = np.array([[0.005, 0.0], [0.1, 0.0], [0.0, 0.3]])
@@ -47,5 +48,11 @@ def record(runs, steps=40, seed=5):
     time = 0.1 * np.arange(1, steps + 1)
     target = np.zeros((steps, len(runs)), dtype=int)
     return Record(
-        0.0, time, truth, np.empty((0, steps, 1)), Readings(np.arange(steps), values, target), Gaussian(prior, P0)
+        0.0,
+        time,
+        truth,
+        np.empty((0, steps, 1)),
+        Readings(np.arange(steps), values, target),
+        Gaussian(prior, P0),
+        origin=begin,
     )

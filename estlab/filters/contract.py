@@ -17,25 +17,40 @@ Prior = Gaussian | Uniform
 class Fit(NamedTuple):
     """How a reading fitted.
 
-    nis: (runs,) its normalised innovation squared. size: (runs,) the numbers in it. gated: (runs,) 1 where it
-    was refused as an outlier; such a reading is in neither of the other two.
+    whitened: (m, runs) the innovation divided by the lower factor of its covariance: independent standard normals if
+    all is as the filter assumes, their squares summing to the NIS; NaN where nothing was measured or it was gated.
+    gated: (runs,) whether the reading was refused as an outlier.
     """
 
-    nis: Array
-    size: Array
+    whitened: Array
     gated: Array
 
-    def add(self, runs: Array, other: "Fit") -> "Fit":
-        """This fit and that of one more reading, which these of the runs had."""
-        total = Fit(*(np.array(whole) for whole in self))
-        for whole, part in zip(total, other, strict=True):
-            whole[runs] += part
-        return total
+
+class Sample(NamedTuple):
+    """That a covariance is a sample's: (runs,) of how many states, and what it is times of the unbiased one."""
+
+    size: Array
+    scale: Array
 
 
-def no_fit(runs: int) -> Fit:
-    """The fit of no reading."""
-    return Fit(np.zeros(runs), np.zeros(runs, dtype=int), np.zeros(runs, dtype=int))
+def fit_of(whitened: Array, missing: Array, gate: float | None) -> Fit:
+    """The fit of a reading from its whitened innovation, given what of it is missing (m, runs).
+
+    gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
+    pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
+    """
+    refused = np.zeros(whitened.shape[1:], dtype=bool)
+    if gate is not None:
+        nis = np.einsum("i...,i...->...", whitened, whitened)
+        refused = nis > chi_square_quantile(gate, (~missing).sum(axis=0))
+    return Fit(np.where(missing | refused, np.nan, whitened), refused)
+
+
+def chi_square_quantile(share: float, freedom: Array) -> Array:
+    """What a chi-square of these degrees of freedom stays below with this probability; infinite for no freedom."""
+    from scipy.special import gammaincinv
+
+    return np.where(freedom > 0, 2.0 * gammaincinv(0.5 * np.maximum(freedom, 1), share), np.inf)
 
 
 class Belief(Protocol):
@@ -69,6 +84,10 @@ class Filter(ABC):
     @abstractmethod
     def moments(self, belief: Any, motion: Motion) -> Gaussian:
         """Mean (n, runs) and covariance (n, n, runs) of a belief."""
+
+    def sample(self, belief: Any) -> Sample | None:
+        """The sample whose covariance :meth:`moments` gives; None where it is computed, not sampled."""
+        return None
 
     def notes(self, belief: Any) -> dict[str, Array]:
         """Further numbers (runs,) to keep of each step, by name, such as the effective sample size."""

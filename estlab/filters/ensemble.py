@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior
+from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
 from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose, without
 from estlab.maths.space import Array, Space
@@ -77,14 +77,16 @@ class EnsembleFilter(Filter):
         each = np.where(missing[:, None], 0.0, sensor.space.minus((reading[:, None] + blur), expected))
         points = sensor.state.plus(belief.points, matmul(transpose(gain), solve_lower(factor, each)))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
-        nis = np.einsum("i...,i...->...", whitened, whitened)
-        size = (~missing).sum(axis=0)
-        return Ensemble(points, belief.draws), Fit(nis, size, np.zeros_like(size))
+        return Ensemble(points, belief.draws), fit_of(whitened, missing, None)
 
     def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
         mean = _mean(motion.space, belief.points)
         spread = motion.space.minus(belief.points, mean[:, None])
         return Gaussian(mean, gram(spread) / (self.members - 1))
+
+    def sample(self, belief: Ensemble) -> Sample:
+        runs = belief.points.shape[2]
+        return Sample(np.full(runs, float(self.members)), np.ones(runs))
 
 
 def _mean(space: Space, members: Array) -> Array:

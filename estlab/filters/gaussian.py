@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior, no_fit
+from estlab.filters.contract import Filter, Fit, Prior, fit_of
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky, gram, sandwich, solve_lower, symmetric, transpose, without
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
@@ -24,8 +24,7 @@ class GaussianFilter(Filter):
     transform: how a belief goes through a model; this alone makes it an EKF, UKF or CKF.
     noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends the state
     alone and adds their covariances, linearised in the process noise.
-    gate: the share of right readings that pass, such as 0.999; a reading whose NIS lies beyond that quantile is
-    refused. None lets all pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
+    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.contract.fit_of`.
     """
 
     transform: Transform
@@ -91,15 +90,12 @@ class GaussianFilter(Filter):
         factor = cholesky(innovation_cov)
         gain = solve_lower(factor, transpose(cross))
         whitened = solve_lower(factor, residual[:, None])[:, 0]
-        size = (~missing).sum(axis=0)
-        nis = np.einsum("i...,i...->...", whitened, whitened)
-        refused = np.zeros(nis.shape, dtype=bool) if gate is None else nis > chi_square_quantile(gate, size)
-        if refused.any():
-            gain, whitened = np.where(refused, 0.0, gain), np.where(refused, 0.0, whitened)
-            nis, size = np.where(refused, 0.0, nis), np.where(refused, 0, size)
+        found = fit_of(whitened, missing, gate)
+        if found.gated.any():
+            gain = np.where(found.gated, 0.0, gain)
         mean = sensor.state.plus(belief.mean, np.einsum("ik...,i...->k...", gain, whitened))
         cov = symmetric(belief.cov - gram(transpose(gain)))
-        return Gaussian(mean, cov), Fit(nis, size, refused.astype(int))
+        return Gaussian(mean, cov), found
 
     def moments(self, belief: Gaussian, motion: Motion) -> Gaussian:
         return belief
@@ -110,7 +106,8 @@ class DeadReckoning(GaussianFilter):
     """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        return belief, no_fit(belief.mean.shape[1])
+        nothing = np.ones(reading.shape, dtype=bool)
+        return belief, fit_of(np.zeros(reading.shape), nothing, None)
 
 
 @dataclass(frozen=True)
@@ -128,16 +125,16 @@ class IteratedFilter(GaussianFilter):
             raise ValueError(f"iterations must be from 1 to 1000, got {self.iterations}")
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        found, fit = super().update(sensor, belief, reading, place)
+        found, first = super().update(sensor, belief, reading, place)
         noise_cov = sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1)
         for _ in range(self.iterations - 1):
             offset = sensor.state.minus(belief.mean, found.mean)
             moments = Linearised().about(sensor.function(place), belief, found.mean, offset)
             # What passed the gate once is not asked again.
             again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading, None)
-            refused = fit.gated.astype(bool)
-            found = Gaussian(np.where(refused, found.mean, again.mean), np.where(refused, found.cov, again.cov))
-        return found, fit
+            mean = np.where(first.gated, found.mean, again.mean)
+            found = Gaussian(mean, np.where(first.gated, found.cov, again.cov))
+        return found, first
 
 
 def extended(noise: Noise, gate: float | None) -> GaussianFilter:
@@ -185,13 +182,6 @@ def check_gate(gate: float | None) -> None:
     """Raise ValueError unless a gate is a probability or none."""
     if gate is not None and not 0.0 < gate < 1.0:
         raise ValueError(f"gate must lie between 0 and 1, or be null, got {gate:g}")
-
-
-def chi_square_quantile(share: float, freedom: Array) -> Array:
-    """What a chi-square of these degrees of freedom stays below with this probability; infinite for no freedom."""
-    from scipy.special import gammaincinv
-
-    return np.where(freedom > 0, 2.0 * gammaincinv(0.5 * np.maximum(freedom, 1), share), np.inf)
 
 
 def _without(missing: Array, cross: Array, innovation_cov: Array, residual: Array) -> tuple[Array, Array, Array]:

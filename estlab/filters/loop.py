@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.contract import Belief, Filter, Fit, no_fit
+from estlab.filters.contract import Belief, Filter
 from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
 from estlab.maths.space import Array
@@ -56,15 +56,14 @@ class Loop:
         filtered = self._forward(record, draws, tick, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             mean, cov = smooth(self.motion.space, links, filtered.mean, filtered.cov)
-        nothing = np.zeros_like(filtered.nis)
-        return filtered, Estimates(mean, cov, nothing, nothing.astype(int), {})
+        return filtered, Estimates(mean, cov, np.full_like(filtered.whitened, np.nan), None, {})
 
     def _forward(
         self, record: Record, draws: Draws, tick: Callable[[], None], links: list[Link | None] | None
     ) -> Estimates:
         steps, runs, n = record.time.size, record.runs, self.motion.space.size
         mean, cov = np.empty((n, steps, runs)), np.empty((n, n, steps, runs))
-        nis, size = np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
+        whitened, sample = np.full(record.readings.values.shape, np.nan), None
         notes: dict[str, Array] = {"gated": np.zeros((steps, runs))}
         lapse = np.diff(record.time, prepend=record.start)
         bounds = record.readings.bounds(steps)
@@ -76,13 +75,16 @@ class Loop:
                 if links is not None:
                     links.append(link)
                 if bounds[k + 1] > bounds[k]:
-                    belief, fit = self._update(belief, record, slice(bounds[k], bounds[k + 1]))
-                    nis[k], size[k], notes["gated"][k] = fit
+                    taken = slice(bounds[k], bounds[k + 1])
+                    belief, notes["gated"][k] = self._update(belief, record, taken, whitened[:, taken])
                 mean[:, k], cov[:, :, k] = self.filter.moments(belief, self.motion)
+                if (sampled := self.filter.sample(belief)) is not None:
+                    sample = np.empty((2, steps, runs)) if sample is None else sample
+                    sample[:, k] = sampled
                 for name, values in self.filter.notes(belief).items():
                     notes.setdefault(name, np.zeros((steps, runs)))[k] = values
                 tick()
-        return Estimates(mean, cov, nis, size, notes)
+        return Estimates(mean, cov, whitened, sample, notes)
 
     def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
         if lapse <= 0.0:
@@ -92,14 +94,17 @@ class Loop:
             return belief._replace(mean=after.mean, cov=after.cov), Link(belief, after)
         return self.filter.predict(self.motion, belief, control, lapse), None
 
-    def _update(self, belief: Belief, record: Record, taken: slice) -> tuple[Belief, Fit]:
-        """Take in a step's readings. A run takes no part in a reading that it does not have."""
+    def _update(self, belief: Belief, record: Record, taken: slice, whitened: Array) -> tuple[Belief, Array]:
+        """Take in a step's readings, put their whitened innovations in their place, and count the gated of each run.
+
+        A run takes no part in a reading that it does not have.
+        """
         values, target = record.readings.values[:, taken], record.readings.target[taken]
         has = np.asarray(~np.isnan(values).all(axis=0))
         if self.scheme == "stacked":
-            return self._stacked(belief, values, target, has)
+            return self._stacked(belief, values, target, has, whitened)
 
-        fit = no_fit(record.runs)
+        gated = np.zeros(record.runs)
         at_rest = np.zeros((record.control.shape[0], 1))
         for i in range(values.shape[1]):
             runs = np.flatnonzero(has[i])
@@ -109,19 +114,25 @@ class Loop:
             if self.scheme == "interleaved" and i > 0:
                 part = self.filter.predict(self.motion, part, at_rest, self.pause)
             place = self.sensor.place(target[i, runs])
-            part, one = self.filter.update(self.sensor, part, values[:, i, runs], place)
+            part, fit = self.filter.update(self.sensor, part, values[:, i, runs], place)
             belief = part if runs.size == record.runs else belief.put(runs, part)
-            fit = fit.add(runs, one)
-        return belief, fit
+            whitened[:, i, runs] = fit.whitened
+            gated[runs] += fit.gated
+        return belief, gated
 
-    def _stacked(self, belief: Belief, values: Array, target: Array, has: Array) -> tuple[Belief, Fit]:
+    def _stacked(
+        self, belief: Belief, values: Array, target: Array, has: Array, whitened: Array
+    ) -> tuple[Belief, Array]:
         """All of a run's readings as one, for the runs of each number of readings in turn."""
-        fit, counts = no_fit(has.shape[1]), has.sum(axis=0)
+        gated, counts = np.zeros(has.shape[1]), has.sum(axis=0)
         for count in np.unique(counts[counts > 0]):
             runs = np.flatnonzero(counts == count)
             slots = np.argsort(~has[:, runs], axis=0, kind="stable")[:count]
             places = self.sensor.place(np.take_along_axis(target[:, runs], slots, axis=0))
             long = np.take_along_axis(values[:, :, runs], slots[None], axis=1).swapaxes(0, 1).reshape(-1, runs.size)
-            part, one = self.filter.update(self.sensor.times(int(count)), belief.of(runs), long, places)
-            belief, fit = belief.put(runs, part), fit.add(runs, one)
-        return belief, fit
+            part, fit = self.filter.update(self.sensor.times(int(count)), belief.of(runs), long, places)
+            belief = belief.put(runs, part)
+            # With a triangular factor, the parts of a long innovation are those of its readings taken in turn.
+            whitened[:, slots, runs] = fit.whitened.reshape(count, -1, runs.size).swapaxes(0, 1)
+            gated[runs] += fit.gated
+        return belief, gated

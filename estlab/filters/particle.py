@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior
+from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
 from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, without
 from estlab.maths.resampling import Scheme, effective_size, log_normalised, resample
@@ -142,6 +142,10 @@ class ParticleFilter(Filter):
         spread = motion.space.minus(belief.points, mean[:, None])
         return Gaussian(mean, gram(weights * spread, spread))
 
+    def sample(self, belief: Particles) -> Sample:
+        size = effective_size(belief.log_weights)
+        return Sample(size, 1.0 - 1.0 / size)
+
     def notes(self, belief: Particles) -> dict[str, Array]:
         return {"ess": effective_size(belief.log_weights), "vanished": belief.vanished}
 
@@ -212,5 +216,4 @@ def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit
     cov = without(gram(weights * spread, spread) + sensor.noise_cov[..., None], missing)
     residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
     whitened = solve_lower(cholesky(cov), residual[:, None])[:, 0]
-    size = (~missing).sum(axis=0)
-    return Fit(np.einsum("i...,i...->...", whitened, whitened), size, np.zeros_like(size))
+    return fit_of(whitened, missing, None)

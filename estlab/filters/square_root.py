@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior
-from estlab.filters.gaussian import check_gate, chi_square_quantile
+from estlab.filters.contract import Filter, Fit, Prior, fit_of
+from estlab.filters.gaussian import check_gate
 from estlab.maths.gaussian import Gaussian, placed
 from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose, without
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
@@ -74,14 +74,13 @@ class SquareRootFilter(Filter):
         factor = triangle(np.concatenate([of_value, noise], axis=1))
         whitened = solve_lower(factor, residual[:, None])[:, 0]
         gain = transpose(solve_lower_transposed(factor, solve_lower(factor, gram(of_value, of_state))))
-        nis, size = np.einsum("i...,i...->...", whitened, whitened), (~missing).sum(axis=0)
-        refused = np.zeros(runs, dtype=bool) if self.gate is None else nis > chi_square_quantile(self.gate, size)
-        gain = np.where(refused, 0.0, gain)
+        found = fit_of(whitened, missing, self.gate)
+        gain = np.where(found.gated, 0.0, gain)
         step = np.einsum("ij...,j...->i...", gain, residual)
         # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
         rest = triangle(np.concatenate([of_state - matmul(gain, of_value), matmul(gain, noise)], axis=1))
-        updated = Root(sensor.state.plus(belief.mean, step), np.where(refused, belief.factor, rest))
-        return updated, Fit(np.where(refused, 0.0, nis), np.where(refused, 0, size), refused.astype(int))
+        updated = Root(sensor.state.plus(belief.mean, step), np.where(found.gated, belief.factor, rest))
+        return updated, found
 
     def moments(self, belief: Root, motion: Motion) -> Gaussian:
         return Gaussian(belief.mean, gram(belief.factor))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _TRUTH, _ESTIMATE, _BAND, _ENSEMBLE = "black", "C0", "C3", "C2"
 _COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7")  # of several filters; red is the bands'
 _WIDTH = 9.0  # inches
+_MANY = 20  # runs from which their distribution has a shape
 _DENSE = 1500  # steps from which a line would be a smear
 
 Save = Callable[[str, Callable[[Any], object]], object]
@@ -26,7 +27,9 @@ Draw = Callable[["Axes", str], None]
 Pictures = Callable[[], "dict[str, Figure]"]
 
 
-def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, draw: Draw, pictures: Pictures) -> None:
+def draw_all(
+    directory: Path, save: Save, space: Space, title: str, runs: range, draw: Draw, pictures: Pictures
+) -> None:
     """Draw every picture of a run directory and hand each to ``save`` by its name.
 
     draw: adds the problem's own things to the trajectory, for a filter's name. pictures: the problem's own figures.
@@ -43,6 +46,8 @@ def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, d
         notes = pd.read_csv(directory / rundir.NOTES)
         if (notes["note"] == "ess").any():
             _save(save, "ess.png", draw_ess(notes[notes["note"] == "ess"], title, runs))
+        if len(runs) >= _MANY:
+            _save(save, "distribution.png", draw_distribution(pd.read_csv(directory / rundir.HISTOGRAMS), space, title))
         if space.position:
             with np.load(directory / rundir.ESTIMATES) as arrays:
                 filters = list(dict.fromkeys(errors["filter"]))
@@ -51,8 +56,8 @@ def draw_all(directory: Path, save: Save, space: Space, title: str, runs: int, d
         _save(save, name, figure)
 
 
-def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Figure":
-    """One panel a component: the error of run 0 inside its +-3 sigma; for one filter also the ensemble's RMSE."""
+def draw_errors(errors: "DataFrame", space: Space, title: str, runs: range) -> "Figure":
+    """One panel a component: the first run's error and +-3 sigma, the bound, for one filter the ensemble's RMSE."""
     figure, panels = _figure(space.size, title, 1.7)
     dense = errors["time"].nunique() > _DENSE
     by_filter = list(errors.groupby("filter", sort=False))
@@ -62,7 +67,7 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
         for (filter, rows_of_filter), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
             rows = rows_of_filter[rows_of_filter["component"] == name]
             band = _BAND if alone else colour
-            of = "run 0" if alone else f"{filter}, run 0"
+            of = f"run {runs[0]}" if alone else f"{filter}, run {runs[0]}"
             alpha = (0.35 if dense else 0.15) if alone else 0.08
             label = f"±3 sigma, {of}" if alone else None
             axes.fill_between(rows["time"], rows["lower3"], rows["upper3"], color=band, alpha=alpha, lw=0, label=label)
@@ -70,8 +75,12 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
                 axes.plot(rows["time"], rows[["lower3", "upper3"]], color=band, lw=0.8, ls="-" if alone else ":")
             what = "error" if errors["truth"].notna().any() else "truth not known"
             axes.plot(rows["time"], rows["error"], color=colour, lw=0.7 if dense else 1.0, label=f"{what}, {of}")
-            if alone and runs > 1:
-                axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {runs} runs")
+            if alone and len(runs) > 1:
+                label = f"RMSE of {len(runs)} runs"
+                axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=label)
+        bound = by_filter[0][1].loc[by_filter[0][1]["component"] == name, ["time", "bound"]]
+        if bound["bound"].notna().any():
+            axes.plot(bound["time"], bound["bound"], color=_TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
         _limit(axes, held[held["component"] == name])
         axes.set_ylabel(f"{name} [{unit}]")
     if not alone:
@@ -81,12 +90,12 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: int) -> "Fi
     return figure
 
 
-def draw_consistency(table: "DataFrame", column: str, what: str, title: str, runs: int) -> "Figure":
+def draw_consistency(table: "DataFrame", column: str, what: str, title: str, runs: range) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = _figure(1, title, 3.6)
     by_filter = list(table.groupby("filter", sort=False))
-    dense = runs == 1 and len(table) > 600 * len(by_filter)
-    mean = "" if runs == 1 else f", mean of {int(table['runs_scored'].max())} runs"
+    dense = len(runs) == 1 and len(table) > 600 * len(by_filter)
+    mean = "" if len(runs) == 1 else f", mean of {int(table['runs_scored'].max())} runs"
     for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
         label = what + mean if len(by_filter) == 1 else f"{filter}{mean}"
         rows = _broken_at_gaps(rows)
@@ -112,12 +121,12 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     return figure
 
 
-def draw_ess(notes: "DataFrame", title: str, runs: int) -> "Figure":
+def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
     """The effective sample size over time."""
     figure, (axes,) = _figure(1, title, 3.0)
     by_filter = list(notes.groupby("filter", sort=False))
     for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
-        axes.plot(rows["time"], rows["mean"], color=colour, lw=1.0, label=f"{filter}, mean of {runs} runs")
+        axes.plot(rows["time"], rows["mean"], color=colour, lw=1.0, label=f"{filter}, mean of {len(runs)} runs")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("effective sample size [particles]")
     axes.set_xlabel("time [s]")
@@ -125,8 +134,35 @@ def draw_ess(notes: "DataFrame", title: str, runs: int) -> "Figure":
     return figure
 
 
+def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Figure":
+    """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
+    chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
+    from matplotlib.ticker import MaxNLocator
+
+    unit = space.units[space.position[0] if chosen == "position" else space.names.index(chosen)]
+    figure, axes = _figure(1, title, 3.6, columns=2)
+    for panel, metric, component, what in (
+        (axes[0], "rmse", chosen, f"RMSE of a run, {chosen} [{unit}]"),
+        (axes[1], "anees", "all", "NEES / n of a run"),
+    ):
+        rows = histograms[(histograms["metric"] == metric) & (histograms["component"] == component)]
+        by_filter = list(rows.groupby("filter", sort=False))
+        for (filter, mine), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
+            # A line at zero wherever bins without runs were left out.
+            edges = np.unique(np.concatenate([mine["low"], mine["high"]]))
+            heights = mine.set_index("low")["runs"].reindex(edges[:-1], fill_value=0).to_numpy()
+            panel.stairs(heights, edges, color=colour, lw=1.3, label=filter, fill=len(by_filter) == 1, alpha=0.9)
+        panel.set_xscale("log")
+        panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+        panel.set_xlabel(what)
+    axes[0].set_ylabel("runs")
+    if histograms["filter"].nunique() > 1:
+        _legend_below(figure, axes[0])
+    return figure
+
+
 def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, title: str, draw: Draw) -> "Figure":
-    """The path of run 0: truth, estimates, 3-sigma ellipses along them, and what the problem adds."""
+    """The path of the first run: truth, estimates, 3-sigma ellipses along them, and what the problem adds."""
     from matplotlib.figure import Figure
 
     at = list(space.position)
@@ -163,16 +199,16 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
-    _title(figure, f"{title} · run 0")
+    _title(figure, f"{title} · run {arrays['run'][0]}")
     _legend_below(figure, axes)
     return figure
 
 
-def _figure(rows: int, title: str, height: float) -> tuple["Figure", list["Axes"]]:
+def _figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_WIDTH, height * rows + 1.0), layout="constrained")
-    panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
     for axes in panels:
         axes.grid(alpha=0.3)
     _title(figure, title)
@@ -225,7 +261,7 @@ def _limit(axes: "Axes", rows: "DataFrame") -> None:
 
 
 def _held(errors: "DataFrame") -> list[str]:
-    """The filters whose run 0 did not diverge, which alone say how large a panel is; all where each one did."""
+    """The filters whose first run did not diverge, which alone say how large a panel is; all where each one did."""
     sound = errors["estimate"].notna().groupby(errors["filter"]).all()
     return list(sound.index[sound]) or list(sound.index)
 

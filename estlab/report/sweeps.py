@@ -176,7 +176,9 @@ def _key_scale(axes: "Axes", values: "Series[float]") -> None:
 
 def _legend(figure: "Figure", axes: "Axes", series: Sequence[str]) -> None:
     if len(series) > 1:
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=min(len(series), 5))
+        room = int(12 * figure.get_figwidth() / (6 + max(map(len, series))))  # letters of an inch, and a sample line
+        columns = max(1, min(len(series), room))
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
 def _cycled(count: int) -> list[str]:
@@ -198,7 +200,17 @@ def _metrics(table: "DataFrame", keys: Sequence[str]) -> dict[str, list[str]]:
             continue
         if table[column].nunique() > 1:
             found.setdefault(metric, []).append(column)
-    return found
+    return {metric: columns for metric, columns in found.items() if not _repeats(table, columns, metric, found)}
+
+
+def _repeats(table: "DataFrame", columns: Sequence[str], metric: str, found: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a metric after convergence is that of the whole time, because no time for that was set."""
+    whole = metric.removesuffix("_converged")
+    return (
+        whole != metric
+        and whole in found
+        and all(table[column].equals(table[column.replace(metric, whole, 1)]) for column in columns)
+    )
 
 
 def _is_numeric(column: "Series[Any]") -> bool:

@@ -1,109 +1,145 @@
-"""What a person sees: a progress bar, a short table, the path; plain lines where there is no terminal."""
+"""The summary that a person sees: figures, tests, verdicts, who is better; then the path."""
 
-import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-Row = Mapping[str, Any]
+from estlab.metrics.comparison import against_best
+from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test
+from estlab.metrics.digits import figure, interval
+from estlab.metrics.intervals import Estimate
+from estlab.metrics.rows import Row
+from estlab.metrics.tally import CAUSES
+from estlab.report.console import console
+from estlab.report.findings import Findings
 
-_EVERY = 0.1  # seconds between updates of the bar
-
-
-class _Console(Console):
-    """A console whose reader may leave, as head does, without ending the run: its results are on the disk."""
-
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def console() -> Console:
-    """Standard output; wide enough for the tables where it is not a terminal."""
-    out = _Console(highlight=False)
-    return out if out.is_terminal else _Console(highlight=False, width=240, color_system=None)
-
-
-@contextmanager
-def progress(total: int, what: str) -> Iterator[Callable[[], None]]:
-    """A bar for work of this many ticks, shown only on a terminal and only if it lasts."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    screen = Console(stderr=True)
-    if not screen.is_terminal:
-        yield lambda: None
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        done, shown = 0, time.monotonic()
-
-        def tick() -> None:
-            nonlocal done, shown
-            done += 1
-            if time.monotonic() - shown > _EVERY:
-                bar.update(task, completed=done)
-                shown = time.monotonic()
-
-        yield tick
+_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations"}
 
 
 def summary(
     title: str,
-    rows: Mapping[str, Sequence[Row]],
+    findings: Mapping[str, Findings],
+    compared: Sequence[Mapping[str, Any]],
     own: Mapping[str, Sequence[Any]],
     remarks: Sequence[str],
     where: str,
 ) -> None:
     """Print the result: a line a component for one filter, a line a filter for several; the problem's own; the path."""
     out = console()
-    by = {name: {(row["metric"], row["component"]): row for row in found} for name, found in rows.items()}
-    out.print(_components(title, by) if len(by) == 1 else _filters(title, by))
-    if len(by) == 1:
-        _print_consistency(out, next(iter(by.values())))
+    if len(findings) == 1:
+        (only,) = findings.values()
+        out.print(_components(title, only))
+        out.print(_tests(only))
+        _print_events(out, only)
+    else:
+        out.print(_filters(title, findings))
+        if any(_why(found) for found in findings.values()):
+            out.print(_converged(findings))
+        if any(row["n"] for row in compared):
+            out.print(_ranking(compared))
     if own:
         table = _table("", list(own))
         for cells in zip(*own.values(), strict=True):
             table.add_row(*(cell if isinstance(cell, str) else _cell(cell) for cell in cells))
         out.print(table)
+    for name, found in findings.items():
+        out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
     for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
     out.print(Text(where), soft_wrap=True)
 
 
-def _components(title: str, by: Mapping[str, Mapping[tuple[str, str], Row]]) -> Table:
+def _components(title: str, found: Findings) -> Table:
     """A line a component, for one filter."""
-    (found,) = by.values()
-    columns = ("", "RMSE", "95 % interval", "median |error|", "mean sigma", "inside 3 sigma", "time scored")
+    bounded = any(row.metric == "efficiency" for row in found.rows)
+    diverged = found.row("diverged")
+    converged = bool(diverged and diverged.value)
+    columns = ["", "RMSE", "95 % interval", *(["of converged"] if converged else [])]
+    columns += [*(["bound / RMSE"] if bounded else []), "median |error|", "mean sigma", "inside 3 sigma", "time scored"]
     table = _table(title, columns)
-    for row in found.values():
-        if row["metric"] == "rmse":
-            name = row["component"]
-            cells = (_number(found.get((metric, name))) for metric in ("median_abs_error", "mean_sigma"))
-            shares = (_share(found.get((metric, name))) for metric in ("inside_3sigma", "scored"))
-            table.add_row(Text(f"{name} [{row['unit']}]"), _number(row), _interval(row), *cells, *shares)
+    for row in found.rows:
+        if row.metric == "rmse":
+            name = row.component
+            cells = [_figure(found.row("rmse_converged", name))] if converged else []
+            cells += [_figure(found.row("efficiency", name))] if bounded else []
+            cells += [_figure(found.row(metric, name)) for metric in ("median_abs_error", "mean_sigma")]
+            cells += [_share(found.row(metric, name)) for metric in ("inside_3sigma", "scored")]
+            table.add_row(Text(f"{name} [{row.unit}]"), _figure(_or_none(row)), _interval(row), *cells)
     return table
 
 
-def _filters(title: str, by: Mapping[str, Mapping[tuple[str, str], Row]]) -> Table:
+def _tests(found: Findings) -> Table:
+    """A line a test."""
+    table = _table("", ("is it consistent?", "found", "95 % interval", "should be", "p, Holm"))
+    for test in found.tests:
+        expected = f"{test.expected:.0f}"
+        table.add_row(
+            Text(_TESTS[test.name].format(test.of)),
+            figure(test.found),
+            interval(test.found),
+            expected,
+            test.why or _p_value(test),
+        )
+    return table
+
+
+def _filters(title: str, findings: Mapping[str, Findings]) -> Table:
     """A line a filter: RMSE of each component, consistency, what went wrong."""
-    first = next(iter(by.values()))
-    errors = [row for row in first.values() if row["metric"] == "rmse"]
-    extra = [m for m in ("found", "ess") if any((m, c) in found for found in by.values() for c in ("all", "position"))]
-    names = [f"RMSE {row['component']} [{row['unit']}]" for row in errors]
-    table = _table(title, ("", *names, "NEES / n", "NIS / m", *extra, "diverged"))
-    for name, found in by.items():
-        cells = [_number(found.get(("rmse", row["component"]))) for row in errors]
-        cells += [_number(found.get((metric, "all"))) for metric in ("anees", "anis")]
-        cells += [_number(found.get((m, "position")) or found.get((m, "all"))) for m in extra]
-        lost = found["diverged", "all"]
-        table.add_row(Text(name), *cells, f"{lost['value']:.0f} of {lost['n']}")
+    first = next(iter(findings.values()))
+    errors = [row for row in first.rows if row.metric == "rmse"]
+    extra = [
+        (metric, component)
+        for metric, component in (("found", "position"), ("ess", "all"), ("efficiency", "position"))
+        if any(found.row(metric, component) for found in findings.values())
+    ]
+    heads = {"found": "found", "ess": "ess", "efficiency": "bound / RMSE"}
+    names = [f"RMSE {row.component} [{row.unit}]" for row in errors]
+    table = _table(title, ("", *names, "NEES / n", "NIS / m", *(heads[metric] for metric, _ in extra), "diverged"))
+    for name, found in findings.items():
+        cells = [_figure(found.row("rmse", row.component)) for row in errors]
+        cells += [_figure(found.row(metric)) for metric in ("anees", "anis")]
+        cells += [_figure(found.row(metric, component)) for metric, component in extra]
+        lost = found.row("diverged")
+        table.add_row(Text(name), *cells, f"{lost.value:.0f} of {lost.n}" if lost else "")
+    return table
+
+
+def _converged(findings: Mapping[str, Findings]) -> Table:
+    """RMSE of the runs that neither broke nor were lost, and why the others did."""
+    first = next(iter(findings.values()))
+    errors = [row for row in first.rows if row.metric == "rmse"]
+    table = _table("", ("converged runs alone", *(f"{row.component} [{row.unit}]" for row in errors), "the others"))
+    for name, found in findings.items():
+        cells = [_figure(found.row("rmse_converged", row.component)) for row in errors]
+        table.add_row(Text(name), *cells, _why(found))
+    return table
+
+
+def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
+    """Each filter against the best in position, or in the first component where there is none."""
+    components = list(dict.fromkeys(row["component"] for row in compared))
+    component = "position" if "position" in components else components[0]
+    rows = against_best(compared, component)
+    heads = (f"RMSE {component}", "more than the best", "95 % interval", "better in", "real?", "time to the best's")
+    table = _table("", ("", *heads))
+    for row in rows:
+        if "difference" not in row:
+            table.add_row(Text(row["filter"]), _cell(float(f"{row['rmse']:.4g}")), "the best", "", "", "", "")
+            continue
+        difference = Estimate(row["difference"], row["ci_low"], row["ci_high"], row["n"])
+        real = "" if row["p_holm"] != row["p_holm"] else "yes" if row["real"] else "no"
+        table.add_row(
+            Text(row["filter"]),
+            _cell(float(f"{row['rmse']:.4g}")),
+            figure(difference),
+            interval(difference),
+            f"{100.0 * row['wins']:.0f} % of runs" if row["n"] > 1 else "",
+            real,
+            f"{row['cost_ratio']:.2g} ×",
+        )
     return table
 
 
@@ -114,37 +150,54 @@ def _table(title: str, headings: Sequence[str]) -> Table:
     return table
 
 
-def _print_consistency(out: Console, found: Mapping[tuple[str, str], Row]) -> None:
-    for metric, words in (("anees", "NEES / n"), ("anis", "NIS / m")):
-        if _number(found.get((metric, "all"))):
-            row = found[metric, "all"]
-            interval = f", 95 % interval {_interval(row)}" if _interval(row) else ""
-            out.print(f"{words} = {_number(row)}{interval} (1 when consistent)")
-    if ("found", "position") in found:
-        when = found["found_time", "position"]
-        since = f", from {_number(when)} s on in the mean" if when["n"] else ""
-        out.print(f"{_share(found['found', 'position'])} of the runs found the position{since}")
-    if ("ess", "all") in found:
-        out.print(f"effective sample size {_number(found['ess', 'all'])} in the mean")
-    if ("vanished", "all") in found:
-        out.print(f"all weights vanished at {found['vanished', 'all']['value']:.0f} readings")
-    if ("gated", "all") in found:
-        out.print(f"{found['gated', 'all']['value']:.0f} readings gated")
-    diverged = found["diverged", "all"]
-    out.print(f"{diverged['value']:.0f} of {diverged['n']} runs diverged")
+def _print_events(out: Console, found: Findings) -> None:
+    """What happened beside errors: found, resampled, gated, diverged."""
+    if share := found.row("found", "position"):
+        when = found.row("found_time", "position")
+        since = f", from {_figure(when)} s on in the mean" if when else ""
+        out.print(f"{_share(share)} of the runs found the position{since}")
+    if ess := found.row("ess"):
+        out.print(f"effective sample size {_figure(ess)} in the mean")
+    if vanished := found.row("vanished"):
+        out.print(f"all weights vanished at {vanished.value:.0f} readings")
+    if gated := found.row("gated"):
+        out.print(f"{gated.value:.0f} readings gated")
+    if diverged := found.row("diverged"):
+        why = f": {_why(found)}" if diverged.value else ""
+        out.print(f"{diverged.value:.0f} of {diverged.n} runs diverged{why}")
+
+
+def _why(found: Findings) -> str:
+    rows = [found.row(cause) for cause in CAUSES]
+    return ", ".join(f"{row.value:.0f} {row.metric.replace('_', ' ')}" for row in rows if row and row.value)
+
+
+def _p_value(test: Test) -> str:
+    if test.p != test.p:
+        return "not available"
+    said = "< 0.0001" if test.adjusted < 1e-4 else f"{test.adjusted:.2g}"
+    return f"{said} ✗" if test.rejected else said
 
 
 def _cell(value: float) -> str:
     return "" if value != value else f"{value:.10g}"
 
 
-def _number(row: Mapping[str, Any] | None) -> str:
-    return "" if row is None or row["value"] != row["value"] else f"{row['value']:.3g}"
+def _or_none(row: Row) -> Row | None:
+    return None if row.value != row.value else row
 
 
-def _interval(row: Mapping[str, Any]) -> str:
-    return f"{row['ci_low']:.3g} to {row['ci_high']:.3g}" if row["ci_low"] == row["ci_low"] else ""
+def _figure(row: Row | None) -> str:
+    return "" if row is None else figure(_estimate(row))
 
 
-def _share(row: Mapping[str, Any] | None) -> str:
-    return "" if row is None or row["value"] != row["value"] else f"{100.0 * row['value']:.1f} %"
+def _interval(row: Row) -> str:
+    return interval(_estimate(row))
+
+
+def _estimate(row: Row) -> Estimate:
+    return Estimate(row.value, row.ci_low, row.ci_high, row.n)
+
+
+def _share(row: Row | None) -> str:
+    return "" if row is None else f"{100.0 * row.value:.1f} %"

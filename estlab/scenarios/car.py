@@ -1,7 +1,7 @@
 """Tracking a car with a LIDAR. Seed document 000, problem III."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED, HEADING, LENGTH = 2, 3, 4  # length and width are the last two
+
+# The state in which a simulated car begins, and within what each run's is uniform about it.
+_BEGIN = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85])
+_BEGIN_WITHIN = np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
 
 # The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, out of its way,
 # past it, round behind it and away.
@@ -56,8 +60,10 @@ class Car(Scenario):
     lidar_bearing_sd: float
     acceleration_sd: float
     turn_rate_sd: float
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_duration(self.duration, self.dt)
         check_positive(smallest=self.smallest)
         check_positive(lidar_range_sd=self.lidar_range_sd, lidar_bearing_sd=self.lidar_bearing_sd)
@@ -67,6 +73,10 @@ class Car(Scenario):
         check_sds("initial_sd", self.initial_sd, 6)
         if len(self.initial_mean) != 6:
             raise ValueError(f"initial_mean must have 6 numbers, got {len(self.initial_mean)}")
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -88,7 +98,8 @@ class Car(Scenario):
             values = simulation.read(streams, runs, self.sensor(noise, np.empty((0, 1))), truth, np.empty(0))
         else:
             values, raw = self._scan(streams, runs, truth, noise.measurement_scale)
-        return self._record(time, truth, values, self._prior(streams, runs, begin), raw)
+        record = self._record(time, truth, values, self._prior(streams, runs, begin), raw)
+        return replace(record, origin=begin) if self._has_bound else record
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         data, states = folder / f"{prefix}problem3data.mat", folder / f"{prefix}problem3truth.mat"
@@ -159,15 +170,21 @@ class Car(Scenario):
         axes.set_xlabel("x [m]")
         axes.set_ylabel("y [m]")
         axes.grid(alpha=0.3)
-        axes.set_title("run 0 within 30 m of the LIDAR")
+        axes.set_title(f"run {history.run} within 30 m of the LIDAR")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
         return {"passing.png": figure}
+
+    @property
+    def _has_bound(self) -> bool:
+        """Whether all is drawn from the model, and no size is so near the smallest that its error is not Gaussian."""
+        room = (_BEGIN - _BEGIN_WITHIN)[LENGTH:] - self.smallest
+        whole = (room > 4.0 * np.asarray(self.initial_sd[LENGTH:])).all()
+        return self.truth == "model" and self.initial == "drawn" and bool(whole)
 
     def _drive(self, streams: Streams, runs: Sequence[int], time: Array, scale: float) -> tuple[Array, Array]:
         """The state at -dt (6, runs) and at each time (6, T, runs)."""
         start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
-        nominal, spread = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85]), np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
-        begin = nominal[:, None] + spread[:, None] * start
+        begin = _BEGIN[:, None] + _BEGIN_WITHIN[:, None] * start
         rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
         if self.truth == "model":
             rates = rates * np.asarray(self.process_sd)[:, None]

@@ -38,7 +38,7 @@ class History:
     """One run as it is drawn: all that a problem's own pictures may use.
 
     time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
-    places: (p, L). shown: the record's further arrays, and its sums over all runs.
+    places: (p, L). shown: the record's further arrays, and its sums over all runs. run: its number.
     """
 
     time: Array
@@ -50,6 +50,7 @@ class History:
     target: Array
     places: Array
     shown: dict[str, Array]
+    run: int = 0
 
 
 class Scenario(ABC):
@@ -63,6 +64,11 @@ class Scenario(ABC):
     @property
     def found_within(self) -> float | None:
         """The position error, in its unit, within which a lost robot counts as found; None where none is lost."""
+        return None
+
+    @property
+    def lost_beyond(self) -> float | None:
+        """The position error, in its unit, beyond which a run that stays there is lost; None for no limit."""
         return None
 
     @property
@@ -101,7 +107,7 @@ class Scenario(ABC):
         return {}
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
-        """Figures of the problem's own by file name, given run 0 of each filter."""
+        """Figures of the problem's own by file name, given the first run of each filter."""
         return {}
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -45,8 +45,10 @@ class Field(Scenario):
     box_low: list[float]
     box_high: list[float]
     found_radius: float
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_positive(least_sd=self.least_sd, bearing_sd=self.bearing_sd)
         check_positive(found_radius=self.found_radius)
         check_sds("prior_sd", self.prior_sd, 3)
@@ -70,6 +72,10 @@ class Field(Scenario):
         for i, (low, high) in enumerate(zip(self.box_low, self.box_high, strict=True)):
             if not low < high:
                 raise ValueError(f"box_high[{i}] must be > box_low[{i}]={low:g}, got {high:g}")
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -115,7 +121,8 @@ class Field(Scenario):
         target = np.arange(1, steps + 1) // 2 % self._places.shape[1]
         sensor = self.sensor(noise, self._places)
         values = simulation.read(streams, runs, sensor, truth, sensor.place(target[:, None]))
-        return self._record(begin, command, truth, values, target)
+        record = self._record(begin, command, truth, values, target)
+        return record if isinstance(prior, Uniform) else replace(record, origin=begin)
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         path = folder / f"{prefix}{evaluation.NAME}"

@@ -58,8 +58,10 @@ class Landmark(Scenario):
     interleave_dt: float
     truth_gap: float
     unknown_barcodes: float
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_duration(self.duration, self.dt)
         check_positive(max_range=self.max_range, speed=self.speed)
         check_positive(interleave_dt=self.interleave_dt, truth_gap=self.truth_gap)
@@ -73,6 +75,10 @@ class Landmark(Scenario):
         for name, share in (("dropped", self.dropped), ("unknown_barcodes", self.unknown_barcodes)):
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} must be a share from 0 to 1, got {share:g}")
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -105,7 +111,8 @@ class Landmark(Scenario):
         begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
-        return Record(0.0, time, truth, control, readings, self._prior(streams, runs, begin), places=_LANDMARKS)
+        prior = self._prior(streams, runs, begin)
+        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, origin=begin)
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         recording = mrclam.read(folder, prefix, self.unknown_barcodes)

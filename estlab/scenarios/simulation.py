@@ -26,7 +26,8 @@ def drawn(
     truth = walk(streams, runs, motion, begin, time, control)
     values = read(streams, runs, sensor, truth, np.empty((0, 1)))
     target = np.zeros(values.shape[1:], dtype=int)
-    return Record(0.0, time, truth, control, Readings(np.arange(time.size), values, target), Gaussian(mean, prior.cov))
+    readings = Readings(np.arange(time.size), values, target)
+    return Record(0.0, time, truth, control, readings, Gaussian(mean, prior.cov), origin=begin)
 
 
 def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, time: Array, control: Array) -> Array:

@@ -41,8 +41,10 @@ class Sonar(Scenario):
     process_sd: list[float]
     measurement_sd: list[float]
     found_radius: float
+    lost_radius: float
 
     def __post_init__(self) -> None:
+        check_positive(lost_radius=self.lost_radius)
         check_positive(speed=self.speed, turn_rate=self.turn_rate)
         check_positive(found_radius=self.found_radius)
         check_sds("process_sd", self.process_sd, 2)
@@ -58,6 +60,10 @@ class Sonar(Scenario):
         for i, beacon in enumerate(self.beacons):
             if len(beacon) != 2:
                 raise ValueError(f"beacons[{i}] must be two numbers [x, y], got {len(beacon)}")
+
+    @property
+    def lost_beyond(self) -> float:
+        return self.lost_radius
 
     @property
     def space(self) -> Space:
@@ -163,7 +169,7 @@ class Sonar(Scenario):
             axes.set(title=f"{history.time[step]:.1f} s", aspect="equal", xlabel="x [m]")
             axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
         panels[0].set_ylabel("y [m]")
-        figure.suptitle("likelihood of the one sonar reading over the map · run 0")
+        figure.suptitle(f"likelihood of the one sonar reading over the map · run {history.run}")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False)
         return {"likelihood.png": figure}
 

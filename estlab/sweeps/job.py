@@ -37,19 +37,20 @@ class Job:
 
     def run(self) -> int:
         """Run in its directory, which must not be there; the exit code. It raises an interruption alone."""
-        from estlab import experiment
+        from estlab import expectations, experiment
         from estlab.config import build
+        from estlab.ensemble import Names
 
         mark = state.fingerprint(self.plain, self.scenario, self.filter)
         directory = rundir.RunDirectory(Path(self.folder), fingerprint=mark)
 
-        def work() -> None:
+        def work() -> str:
             directory.write_text(rundir.CONFIG, self.config)
             directory.write_text(rundir.OVERRIDES, self.typed)
-            names = experiment.Names(self.scenario, self.filter, tuple(self.changes))
+            names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
             experiment.check(settings, names)
-            experiment.run(settings, names, directory, ["estlab", "run", *self.overrides])
+            return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
 
         with _output(directory):
             return concluded(directory, work)

@@ -70,17 +70,25 @@ def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
     except (OSError, ValueError, KeyError, TypeError):
         facts, took = {}, None
     if state != "ok":
-        return Outcome(state, str(error), int(code), took)
+        # One that did not find what it should has its figures all the same.
+        return Outcome(state, str(error), int(code), took, _metrics(folder) or [])
     if fingerprint is not None and facts.get("fingerprint") != fingerprint:
         return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
+    rows = _metrics(folder)
+    if rows is None:
+        return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
+    return Outcome("ok", "", 0, took, rows)
+
+
+def _metrics(folder: Path) -> list[dict[str, str]] | None:
+    """The rows of metrics.csv; None if they cannot be read."""
     try:
         with open(folder / rundir.METRICS, newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
-        if not rows or any(not row.get("filter") or row.get("n") is None for row in rows):
-            raise ValueError("cut short")
     except (OSError, ValueError, csv.Error):
-        return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
-    return Outcome("ok", "", 0, took, rows)
+        return None
+    whole = rows and all(row.get("filter") and row.get("n") is not None for row in rows)
+    return rows if whole else None
 
 
 def at_work(folder: Path) -> int | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from estlab.report import terminal
+from estlab.report.console import console
 from estlab.sweeps import state, table
 from estlab.sweeps.state import Outcome, Planned
 
@@ -20,10 +20,10 @@ _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diver
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
-    out = terminal.console()
+    out = console()
     width = max(len(job.name) for job in planned)
     for job in planned:
-        words = [word for word in job.overrides if not word.startswith("sweep.")]
+        words = [word for word in job.overrides if word != "expect=null" and not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
     left = sum(outcome.state != "ok" for outcome in outcomes.values())
@@ -47,7 +47,7 @@ def summary(
     sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, notes: Sequence[str]
 ) -> None:
     """A line a job and filter, or a line a group of repeats; every failure, how many of each, and where it all is."""
-    out = terminal.console()
+    out = console()
     rows = jobs = table.job_rows(planned, outcomes)
     keys = [*table.swept_keys(planned), "filter"]
     columns = ["job", *keys, "status"]
@@ -66,7 +66,7 @@ def summary(
 
 
 def _print_failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
-    out = terminal.console()
+    out = console()
     failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
     for name, found in failed[:_FAILURES]:
         out.print(Text(f"failed: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
@@ -81,7 +81,7 @@ def _table(rows: Sequence[table.Row], columns: Sequence[str], units: Mapping[str
         shown.add_column(Text(_heading(column, units)), justify="left" if i == 0 else "right")
     for row in rows:
         told = [row[column].partition("_")[0] if column == "job" else row[column] for column in columns]
-        numbers = [f"{float(row[name]):.3g}" if row[name] else "" for name in metrics]
+        numbers = [_number(row[name]) for name in metrics]
         shown.add_row(*(Text(cell) for cell in [*told, *numbers]))
     return shown
 
@@ -98,4 +98,11 @@ def _metrics(rows: Sequence[table.Row]) -> list[str]:
     columns = list(rows[0]) if rows else []
     errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]
     errors = [c for c in errors if c == "rmse.position"] or errors[:4]
-    return [*errors, *(column for column in _WORDS if column in columns)]
+    return [*errors, *(column for column in [*_WORDS, table.VERDICT] if column in columns)]
+
+
+def _number(cell: str) -> str:
+    try:
+        return f"{float(cell):.3g}"
+    except ValueError:
+        return cell

@@ -36,7 +36,7 @@ def status(folder: Path) -> dict:
 def test_help_and_version_name_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"estlab {command}" in text for command in ("run", "sweep", "simulate", "list"))
+    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "list"))
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
@@ -66,6 +66,7 @@ def test_a_run_writes_everything_the_contract_names(capsys):
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", folder.parent.name)
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     tables = {"errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv", "estimates.npz"}
+    tables |= {"tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
     records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
     assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
     assert status(folder)["status"] == "ok"
@@ -86,9 +87,9 @@ def test_a_run_writes_everything_the_contract_names(capsys):
         first = arrays["mean"][:, :, 0] - arrays["truth"][:, :, 0]
     np.testing.assert_allclose(errors[errors["component"] == "length"]["error"], first[4], atol=1e-12)
     metrics = pd.read_csv(folder / "metrics.csv")
-    assert list(metrics.columns) == ["filter", "metric", "component", "unit", "value", "ci_low", "ci_high", "n"]
+    assert list(metrics.columns) == ["filter", "metric", "component", "unit", "value", "ci_low", "ci_high", "n", "seed"]
     nees = pd.read_csv(folder / "nees.csv")
-    assert list(nees.columns) == ["filter", "time", "anees", "lower", "upper", "runs_scored"]
+    assert list(nees.columns) == ["filter", "time", "anees", "expected", "lower", "upper", "runs_scored", "seed"]
     out = capsys.readouterr().out
     assert "RMSE" in out
     assert str(Path("runs") / folder.parent.name / folder.name) in out
@@ -336,7 +337,48 @@ def test_a_filter_that_diverges_is_counted_and_the_run_is_ok(capsys):
     metrics = pd.read_csv(latest() / "metrics.csv").set_index(["metric", "component"])
     assert metrics.loc[("diverged", "all"), "value"] == count
     assert metrics.loc[("diverged", "all"), "n"] == 40
-    assert "diverged in runs:" in (latest() / "log.txt").read_text()
+    assert metrics.loc[("not_definite", "all"), "value"] == count
+    assert re.search(r"ukf not definite in runs: \d+ ", (latest() / "log.txt").read_text())
+    assert metrics.loc["verdict"].index.tolist() == ["lost"]
+
+
+def test_figures_are_the_same_for_one_and_two_threads():
+    texts = []
+    for threads in ("1", "2"):
+        environment = os.environ | dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), threads
+        )
+        folder = f"out{threads}"
+        command = ["run", "scenario=landmark", "runs=30", "steps=40", "plots=false", f"hydra.run.dir={folder}"]
+        subprocess.run([sys.executable, "-m", "estlab", *command], env=environment, check=True, capture_output=True)
+        texts.append([(Path(folder) / name).read_bytes() for name in ("metrics.csv", "tests.csv", "errors.csv")])
+    assert texts[0] == texts[1]
+
+
+def test_several_filters_are_compared_and_each_gets_a_verdict(capsys):
+    assert main(["run", "scenario=field", "filter=[ekf,ukf,dead_reckoning]", "runs=30", "plots=false"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^ekf is consistent: NEES / n = \S+ \[\S+, \S+\], NIS / m", out, re.MULTILINE)
+    assert re.search(r"dead_reckoning .* yes ", out)
+    compared = pd.read_csv(latest() / "comparison.csv")
+    assert len(compared) == 3 * 4
+    row = compared[(compared["component"] == "position") & (compared["filter"] == "dead_reckoning")].iloc[0]
+    assert row["against"] == "ekf"
+    assert row["real"]
+    assert row["difference"] == pytest.approx(row["rmse"] - row["rmse_against"])
+    verdicts = pd.read_csv(latest() / "verdicts.csv")
+    assert list(verdicts.columns) == ["filter", "word", "sentence", "key", "p", "seed"]
+    assert set(verdicts["filter"]) == {"ekf", "ukf", "dead_reckoning"}
+
+
+def test_one_run_of_an_ensemble_can_be_made_again_alone(capsys):
+    common = ["run", "scenario=field", "filter=pf", "filter.particles=50", "steps=20", "plots=false"]
+    assert main([*common, "runs=6", "hydra.run.dir=all"]) == 0
+    assert main([*common, "run_index=4", "hydra.run.dir=one"]) == 0
+    assert "run 4 alone" in capsys.readouterr().out
+    with np.load("all/estimates.npz") as among, np.load("one/estimates.npz") as alone:
+        assert alone["run"].tolist() == [4]
+        np.testing.assert_allclose(alone["mean"][..., 0], among["mean"][..., 4], rtol=1e-10)
 
 
 def test_hydras_own_flags_work(capsys):

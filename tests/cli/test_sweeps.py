@@ -187,6 +187,22 @@ def test_no_job_ok_is_1_and_no_job_that_could_start_is_2(failing):
     assert "filter.noise must be one of" in rows("wrong/failures.csv")[0]["error"]
 
 
+def test_a_job_that_does_not_find_what_is_expected_failed_and_has_its_figures():
+    assert sweep("filter=ekf", "seed=1,2", "expect.rmse.x.max=1e-9") == 1
+    found = table()
+    assert [row["status"] for row in found] == ["failed", "failed"]
+    assert all(float(row["rmse.x"]) > 1e-9 for row in found)
+    assert "expected at most 1e-09" in rows("swept/failures.csv")[1]["error"]
+
+
+def test_a_verdict_is_a_word_in_a_column_of_its_own():
+    assert sweep("filter=ekf", "seed=1,2", "runs=20", "steps=40", "noise.filter.process_scale=1,0.1") == 0
+    words = [row["verdict"] for row in table()]
+    assert words[1] == words[3] == "optimistic"
+    assert "optimistic" not in (words[0], words[2])
+    assert not any(column.startswith("verdict.") for column in table()[0])
+
+
 def test_metrics_that_are_not_numbers_are_empty_cells_of_a_job_that_is_ok():
     # No truth in the files: nothing is scored.
     assert main(["simulate", "scenario=epuck", "data.path=made"]) == 0
@@ -251,7 +267,7 @@ def test_one_number_swept_is_a_curve_two_are_a_map_and_a_choice_is_points():
     from estlab.report import sweeps
 
     assert sweep("filter=ekf,ukf", "noise.filter.measurement_scale=1,2", "noise.filter.process_scale=1,2,4") == 0
-    frame = pd.read_csv("swept/sweep.csv").assign(_series=lambda found: found["filter"])
+    frame = pd.read_csv("swept/sweep.csv").copy().assign(_series=lambda found: found["filter"])
     keys, columns, units = ["noise.filter.measurement_scale", "noise.filter.process_scale"], ["rmse.x"], {"rmse.x": "m"}
     figure = sweeps.draw_maps(frame, columns, keys, ["ekf", "ukf"], units)
     maps = [axes for axes in figure.axes if axes.collections and axes.get_title()]

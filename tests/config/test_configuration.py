@@ -9,6 +9,7 @@ import pytest
 from estlab.cli import _comment, main
 from estlab.config import Data, Noise, Settings, build, key_paths, nearest
 from estlab.errors import UserError
+from estlab.expectations import parse
 from estlab.filters.gaussian import GaussianFilter, extended
 from estlab.paths import conf_folder
 from tests.conftest import composed, options, settings
@@ -54,7 +55,13 @@ def test_every_pair_runs(scenario, name, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("experiment", [e for e in options("experiment") if e != "smoke"])
 def test_every_experiment_runs_tiny(experiment, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["run", f"+experiment={experiment}", "runs=2", "steps=8", "plots=false"]) == 0
+    assert main(["run", f"+experiment={experiment}", "runs=2", "steps=8", "plots=false", "expect=null"]) == 0
+
+
+@pytest.mark.parametrize("experiment", [e for e in options("experiment") if e != "smoke"])
+def test_every_experiment_says_what_it_finds(experiment):
+    stated = settings(f"+experiment={experiment}")
+    assert parse(stated.expect, list(stated.filters) or options("filter"))
 
 
 @pytest.mark.parametrize(

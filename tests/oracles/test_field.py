@@ -6,10 +6,9 @@ import pytest
 from estlab.maths.derivatives import hessian
 from estlab.maths.linalg import cholesky
 from estlab.maths.streams import Streams
-from estlab.metrics.tally import Tally
 from estlab.models import landmarks, odometry
 from estlab.models.contract import matrix
-from tests.conftest import estimate, settings
+from tests.conftest import estimate, metrics, settings, tallied
 
 COMMAND, POSE, MARK = np.array([0.0, 10.0, 0.0]), np.array([180.0, 50.0, 0.0]), np.array([21.0, 0.0])
 
@@ -107,9 +106,7 @@ def _metrics(filter, runs, *overrides):
     record = problem.simulate(Streams(1, "field"), range(runs), noise.truth)
     sensor = problem.sensor(noise.filter, record.places)
     found = estimate(experiment.filter, problem.motion(noise.filter), sensor, record)
-    tally = Tally(problem.space, record.time, problem.found_within)
-    tally.add(record, found)
-    rows = {(row["metric"], row["component"]): row["value"] for row in tally.metrics()}
+    rows = {key: row.value for key, row in metrics(tallied(problem, record, found)).items()}
     last = problem.space.minus(found.mean[:, -1], record.truth[:, -1])
     return rows, (np.abs(last) <= 3.0 * np.sqrt(found.cov[range(3), range(3), -1])).sum(axis=1)
 

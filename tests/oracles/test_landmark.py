@@ -7,7 +7,7 @@ from estlab.datasets import mrclam
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
-from tests.conftest import estimate, settings
+from tests.conftest import estimate, metrics, settings, tallied
 
 WORKED = [
     ((2.0, 3.0, 0.0), 6, 8.573, -1.585),
@@ -105,17 +105,13 @@ def test_readings_of_other_robots_are_left_out(shared):
 
 def test_simulated_matched_filter_is_consistent():
     """NEES over 200 matched runs is one within its interval; 99.73 % lie inside 3 sigma."""
-    from estlab.metrics.tally import Tally
-
     experiment = settings("scenario=landmark", "filter=ukf")
     problem, noise = experiment.scenario, experiment.noise
     record = problem.simulate(Streams(1, "landmark"), range(200), noise.truth).first(250)
     motion: Motion = problem.motion(noise.filter)
     sensor: Sensor = problem.sensor(noise.filter, record.places)
-    tally = Tally(problem.space, record.time)
-    tally.add(record, estimate(experiment.filter, motion, sensor, record, *problem.scheme))
-    rows = {(r["metric"], r["component"]): r for r in tally.metrics()}
-    assert abs(rows["anees", "all"]["value"] - 1.0) < 0.06
-    assert abs(rows["anis", "all"]["value"] - 1.0) < 0.03
+    rows = metrics(tallied(problem, record, estimate(experiment.filter, motion, sensor, record, *problem.scheme)))
+    assert abs(rows["anees", "all"].value - 1.0) < 0.06
+    assert abs(rows["anis", "all"].value - 1.0) < 0.03
     for name in problem.space.names:
-        assert abs(rows["inside_3sigma", name]["value"] - 0.9973) < 0.003
+        assert abs(rows["inside_3sigma", name].value - 0.9973) < 0.003

@@ -12,10 +12,11 @@ from estlab.filters.square_root import square_root_cubature, square_root_unscent
 from estlab.maths.resampling import SCHEMES
 from estlab.maths.sigma_points import Cubature
 from estlab.maths.streams import Streams
+from estlab.metrics import series
 from estlab.metrics.intervals import chi_square_band, mean_interval
-from estlab.metrics.tally import Tally
+from estlab.metrics.moments import Moments
 from tests import linear
-from tests.conftest import estimate
+from tests.conftest import estimate, metrics, tallied
 
 FAMILY = {
     f"{name}-{noise}": make(noise)
@@ -113,20 +114,19 @@ def test_a_cloud_of_many_points_is_nearly_the_kalman_filter(filter):
 def test_anees_and_anis_of_a_matched_linear_filter_lie_in_their_bands():
     record = linear.record(range(400))
     found = estimate(FAMILY["ekf-additive"], linear.MOTION, linear.SENSOR, record)
-    tally = Tally(linear.STATE, record.time)
-    tally.add(record, found)
-    nees, nis = tally.nees(), tally.nis()
+    tally = tallied(linear, record, found)
+    nees, nis = series.nees(tally), series.nis(tally)
     # At each single time the band holds 95 %; 40 correlated times leave it together more than twice in few seeds.
     for table, column in ((nees, "anees"), (nis, "anis")):
         inside = (table["lower"] <= table[column]) & (table[column] <= table["upper"])
         assert inside.mean() >= 0.85
-    rows = {(r["metric"], r["component"]): r for r in tally.metrics()}
+    rows = metrics(tally)
     for metric in ("anees", "anis"):
         row = rows[metric, "all"]
-        assert row["ci_low"] < 1.0 < row["ci_high"]
-        assert row["ci_high"] - row["ci_low"] < 0.1
+        assert row.ci_low < 1.0 < row.ci_high
+        assert row.ci_high - row.ci_low < 0.1
     share = rows["inside_3sigma", "position"]
-    assert abs(share["value"] - 0.9973) < 0.002
+    assert abs(share.value - 0.9973) < 0.002
 
 
 def test_the_chi_square_band_is_scipys():
@@ -137,7 +137,7 @@ def test_the_chi_square_band_is_scipys():
 
 
 def test_intervals_of_one_run_are_not_invented():
-    value, low, high, n = mean_interval(np.array([3.0, np.nan]))
+    value, low, high, n = mean_interval(Moments.of(np.array([[3.0, np.nan]])))
     assert (value, n) == (3.0, 1)
     assert np.isnan([low, high]).all()
-    assert np.isnan(mean_interval(np.array([np.nan])).value)
+    assert np.isnan(mean_interval(Moments.of(np.array([[np.nan]]))).value)

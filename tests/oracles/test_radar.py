@@ -10,9 +10,8 @@ from estlab.config import build
 from estlab.errors import UserError
 from estlab.maths.derivatives import hessian
 from estlab.maths.streams import Streams
-from estlab.metrics.tally import Tally
 from estlab.models import polar
-from tests.conftest import composed, estimate, settings
+from tests.conftest import composed, estimate, metrics, settings, tallied
 
 CASES = {"i": np.radians(1.0), "ii": np.radians(15.0)}
 EXACT = {
@@ -114,9 +113,8 @@ def test_stated_hessians_are_the_finite_differences():
 def test_the_share_inside_three_sigma_is_the_probability_that_the_belief_leaves(case, name):
     runs = 20_000
     problem, record, found = predicted(case, f"filter={name}", runs=runs)
-    tally = Tally(problem.space, record.time)
-    tally.add(record, found)
-    shares = {row["component"]: row["value"] for row in tally.metrics() if row["metric"] == "inside_3sigma"}
+    rows = metrics(tallied(problem, record, found))
+    shares = {component: row.value for (metric, component), row in rows.items() if metric == "inside_3sigma"}
     # Given the bearing, x is Gaussian in the range; the bearing by a fine sum over its density.
     z = np.linspace(-8.0, 8.0, 40_000)  # of an even number, so that none of them lies at bearing 0
     density = norm.pdf(z) / norm.pdf(z).sum()

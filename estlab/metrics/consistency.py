@@ -1,0 +1,170 @@
+"""Is a filter what it says it is: tests over independent runs, each with 5 % of false alarms.
+
+Steps of one run are correlated, so a test never counts them as if they were independent: each run answers once, and the
+test is over the runs. Only innovations, which a right filter leaves white, are also counted within a run.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.space import Array
+from estlab.metrics.intervals import (
+    Estimate,
+    chi_square_band,
+    chi_square_test,
+    holm,
+    hotelling_test,
+    mean_interval,
+    positive_interval,
+    positive_test,
+    t_test,
+)
+from estlab.metrics.moments import Moments
+from estlab.metrics.scores import LAGS
+from estlab.metrics.tally import Tally
+
+LEVEL = 0.05
+_FEWEST = 5  # runs for a test over runs
+_LAWFUL = 0.95  # share of the steps at which a sampled covariance must have a law
+_SINGLE_LAGS = 20
+
+NEES, NIS, BIAS, WHITENESS = "nees", "nis", "bias", "whiteness"
+
+
+class Test(NamedTuple):
+    """One test of one filter.
+
+    of: what the value is of, where there are several. expected: of a consistent filter. p: of the test; adjusted: for
+    there being several tests (Holm). why: the reason where there is no answer, p being NaN.
+    """
+
+    name: str
+    of: str
+    found: Estimate
+    expected: float
+    p: float
+    adjusted: float = np.nan
+    why: str = ""
+
+    @property
+    def rejected(self) -> bool:
+        """Whether it fails, all tests together having 5 % of false alarms."""
+        return bool(self.adjusted < LEVEL)
+
+
+def consistency_tests(tally: Tally) -> list[Test]:
+    """NEES, NIS, bias and whiteness, in this order."""
+    tests = [_nees(tally), _nis(tally), _bias(tally), _whiteness(tally)]
+    adjusted = holm(np.array([test.p for test in tests]))
+    return [test._replace(adjusted=float(p)) for test, p in zip(tests, adjusted, strict=True)]
+
+
+def _nees(tally: Tally) -> Test:
+    """Each run's mean NEES over its law's is one on average. Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2."""
+    moments = tally.moments["nees"]
+    found = positive_interval(moments)
+    if why := _too_few(tally, found.n):
+        return _unanswered(NEES, found, 1.0, why)
+    lawful = float(tally.moments["lawful"].mean[0])
+    if lawful < _LAWFUL:
+        return _unanswered(NEES, found, 1.0, f"the sample is too small at {1.0 - lawful:.0%} of the steps")
+    return Test(NEES, "expected" if tally.sampled else "n", found, 1.0, positive_test(moments, 1.0))
+
+
+def _nis(tally: Tally) -> Test:
+    """NIS over the numbers measured is one on average; over all innovations of few runs, a chi-square."""
+    moments = tally.moments["anis"]
+    found = positive_interval(moments)
+    if found.n == 0:
+        return _unanswered(NIS, found, 1.0, "nothing was measured")
+    if not _too_few(tally, found.n):
+        return Test(NIS, "m", found, 1.0, positive_test(moments, 1.0))
+    runs = 1 if tally.repeated else found.n
+    freedom = float(tally.sums["measured"].sum()) / tally.runs * runs
+    total = found.value * freedom
+    lower, upper = chi_square_band(np.array(freedom))
+    # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
+    interval = Estimate(found.value, found.value / float(upper), found.value / float(lower), runs)
+    return Test(NIS, "m", interval, 1.0, chi_square_test(total, freedom))
+
+
+def _bias(tally: Tally) -> Test:
+    """Each run's mean of error over sigma is zero on average, in all components at once.
+
+    The normalised mean estimation error of Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2, averaged over time
+    within a run and tested over runs by Hotelling's T squared. The value is that of the component furthest from zero.
+    """
+    moments = tally.moments["bias"]
+    worst, found = _furthest(moments)
+    if why := _too_few(tally, int(moments.count)) or _too_few_for(moments):
+        return _unanswered(BIAS, found, 0.0, why)._replace(of=tally.space.names[worst])
+    return Test(BIAS, tally.space.names[worst], found, 0.0, hotelling_test(moments))
+
+
+def _whiteness(tally: Tally) -> Test:
+    """Whitened innovations do not correlate with those before. Over runs by Hotelling's T squared; in one by Ljung-Box.
+
+    The value is the correlation with the innovation just before.
+    """
+    moments = tally.moments["correlation"]
+    if not tally.sums["measured"].any():
+        return _unanswered(WHITENESS, mean_interval(moments.leading(1)), 0.0, "nothing was measured")
+    first = mean_interval(moments.leading(1))
+    if not _too_few(tally, int(moments.count)):
+        lags = int(np.clip(int(moments.count) // 5, 1, LAGS))
+        return Test(WHITENESS, "lag 1", first, 0.0, hotelling_test(moments.leading(lags)))
+    whitened = tally.first_whitened
+    whitened = whitened[:, np.isfinite(whitened).all(axis=0)]
+    if whitened.shape[1] < 3 * _SINGLE_LAGS:
+        return _unanswered(WHITENESS, first, 0.0, f"needs {_FEWEST} runs, or {3 * _SINGLE_LAGS} readings in one")
+    correlation, p = ljung_box(whitened, _SINGLE_LAGS)
+    half = 1.96 / np.sqrt(whitened.size)
+    return Test(WHITENESS, "lag 1", Estimate(correlation, correlation - half, correlation + half, 1), 0.0, p)
+
+
+def ljung_box(whitened: Array, lags: int) -> tuple[float, float]:
+    """Correlation at lag one and p-value of the Ljung-Box test of one run's whitened innovations (m, N).
+
+    N (N + 2) sum r_l^2 / (N - l) of each component is a chi-square with as many degrees of freedom as lags, and
+    components are independent. The mean is zero by hypothesis, so none is subtracted. Ljung and Box 1978.
+    """
+    m, count = whitened.shape
+    squares = (whitened**2).sum(axis=1)
+    products = np.stack([(whitened[:, lag:] * whitened[:, : count - lag]).sum(axis=1) for lag in range(1, lags + 1)])
+    each = products / squares
+    statistic = count * (count + 2) * (each**2 / (count - np.arange(1, lags + 1))[:, None]).sum()
+    from scipy.special import chdtrc
+
+    return float(products[0].sum() / squares.sum()), float(chdtrc(m * lags, statistic))
+
+
+def _furthest(moments: Moments) -> tuple[int, Estimate]:
+    """The component whose mean is furthest from zero in its own standard errors, and its mean's interval."""
+    each = [mean_interval(moments.component(i)) for i in range(moments.mean.shape[0])]
+    away = [abs(found.value) / max(found.high - found.low, 1e-300) for found in each]
+    worst = int(np.argmax(np.nan_to_num(away)))
+    return worst, each[worst]
+
+
+def _too_few(tally: Tally, runs: int) -> str:
+    if tally.repeated:
+        return "one recording is one run"
+    return "" if runs >= _FEWEST else f"needs {_FEWEST} runs"
+
+
+def _too_few_for(moments: Moments) -> str:
+    needed = moments.mean.shape[0] + 3
+    return "" if int(moments.count) >= needed else f"needs {needed} runs"
+
+
+def _unanswered(name: str, found: Estimate, expected: float, why: str) -> Test:
+    of = {NEES: "n", NIS: "m"}.get(name, "")
+    return Test(name, of, found._replace(low=np.nan, high=np.nan), expected, np.nan, why=why)
+
+
+def component_biases(tally: Tally) -> list[tuple[str, Estimate, float]]:
+    """Mean of error over sigma of each component, its interval and p-value."""
+    moments = tally.moments["bias"]
+    parts = [moments.component(i) for i in range(moments.mean.shape[0])]
+    return [(n, mean_interval(p), t_test(p, 0.0)) for n, p in zip(tally.space.names, parts, strict=True)]

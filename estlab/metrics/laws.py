@@ -1,0 +1,51 @@
+"""What the NEES of a consistent filter is distributed as."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.space import Array
+
+SIGMAS = (1, 2, 3)
+
+# A weighted sample's effective size tells of its mean, less of its covariance: from here on the law holds to 4 %.
+LEAST_EFFECTIVE = 100
+
+
+class Law(NamedTuple):
+    """Mean and variance of the NEES of a consistent filter, and the probability of less than what was found.
+
+    Arrays (T, runs) or broadcasting to it; NaN where there is no such law.
+    """
+
+    mean: Array
+    variance: Array
+    below: Array
+
+
+def nees_law(nees: Array, n: int, sample: Array | None) -> Law:
+    """The law for states of n numbers: chi-square, or F where the covariance is a sample's.
+
+    nees: (T, runs). sample: (2, T, runs), the size N of the sample and what the covariance is times the unbiased one.
+    With S the unbiased covariance of N states drawn from the Gaussian that the truth is from, and their mean as the
+    estimate, e'S^-1 e is (1 + 1/N) times Hotelling's T squared: (1 + 1/N) n (N - 1) / (N - n) F(n, N - n). Anderson
+    2003, section 5.2.2. Its mean and variance exist for N > n + 4. A weighted sample stands for as many states as its
+    effective size, which is only so for large ones. Smaller samples have no law here.
+    """
+    from scipy.special import chdtr, fdtr
+
+    if sample is None:
+        return Law(np.array(float(n)), np.array(2.0 * n), chdtr(n, nees))
+    size, scale = sample
+    size = np.where((size > n + 4) & ((scale == 1.0) | (size >= LEAST_EFFECTIVE)), size, np.nan)
+    free = size - n
+    unit = (1.0 + 1.0 / size) * n * (size - 1.0) / free / scale
+    variance = 2.0 * free**2 * (n + free - 2.0) / (n * (free - 2.0) ** 2 * (free - 4.0))
+    return Law(unit * free / (free - 2.0), unit**2 * variance, fdtr(n, free, nees / unit))
+
+
+def within(sigmas: int) -> float:
+    """The probability that a Gaussian number lies within so many standard deviations."""
+    from scipy.special import erf
+
+    return float(erf(sigmas / np.sqrt(2.0)))

@@ -1,0 +1,219 @@
+"""The tables of an ensemble, by column or by row, from what was tallied."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.space import Array
+from estlab.metrics.consistency import LEVEL, Test, component_biases
+from estlab.metrics.credibility import credibility
+from estlab.metrics.intervals import (
+    Estimate,
+    mean_interval,
+    positive_interval,
+    share_interval,
+    time_share_interval,
+)
+from estlab.metrics.laws import SIGMAS, within
+from estlab.metrics.moments import Moments
+from estlab.metrics.scores import LAGS, quietly
+from estlab.metrics.tally import CAUSES, Tally
+from estlab.metrics.verdict import Verdict
+
+Columns = dict[str, Array]
+
+
+class Row(NamedTuple):
+    """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval."""
+
+    metric: str
+    component: str
+    unit: str
+    value: float
+    ci_low: float
+    ci_high: float
+    n: int
+
+
+def _row(metric: str, component: str, unit: str, found: Estimate) -> Row:
+    return Row(metric, component, unit, found.value, found.low, found.high, found.n)
+
+
+def _count(metric: str, unit: str, value: float, n: int) -> Row:
+    return Row(metric, "all", unit, value, np.nan, np.nan, n)
+
+
+@quietly
+def metric_rows(tally: Tally, verdict: Verdict, bound: Array | None = None) -> list[Row]:
+    """Every figure of an ensemble but its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
+    rows = [*_errors(tally), *_all_components(tally), *_efficiency(tally, bound), *_found(tally), *_noted(tally)]
+    if tally.repeated:
+        rows = [row._replace(ci_low=np.nan, ci_high=np.nan) for row in rows]
+    for cause in CAUSES:
+        rows.append(_count(cause, "runs", tally.diverged[cause], tally.runs))
+    rows.append(_count("diverged", "runs", sum(tally.diverged.values()), tally.runs))
+    rows.append(Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs))
+    return rows
+
+
+def _errors(tally: Tally) -> Iterator[Row]:
+    space, moments = tally.space, tally.moments
+    each = list(enumerate(zip(space.names, space.units, strict=True)))
+    for metric, square in (("rmse", "mean_square"), ("rmse_converged", "mean_square_converged")):
+        for i, (name, unit) in each:
+            yield _row(metric, name, unit, _root(positive_interval(moments[square].at(i))))
+        if "position_square" in moments:
+            unit = space.units[space.position[0]]
+            whole = moments[square.replace("mean_square", "position_square")]
+            yield _row(metric, "position", unit, _root(positive_interval(whole)))
+    for metric in ("median_abs_error", "mean_error", "mean_sigma"):
+        for i, (name, unit) in each:
+            yield _row(metric, name, unit, mean_interval(moments[metric].at(i)))
+    for i, (name, _) in each:
+        yield _row("inside_3sigma", name, "", time_share_interval(moments["inside"].at(2, i)))
+    for i, (name, _) in each:
+        yield _row("scored", name, "", _clipped(mean_interval(moments["scored"].at(i))))
+    for name, found, _ in component_biases(tally):
+        yield _row("normalised_bias", name, "sigma", found)
+    if "position_square" in moments:
+        unit = space.units[space.position[0]]
+        yield _row("median_abs_error", "position", unit, mean_interval(moments["position_median"]))
+        yield _row("scored", "position", "", _clipped(mean_interval(moments["position_scored"])))
+
+
+def _all_components(tally: Tally) -> Iterator[Row]:
+    moments = tally.moments
+    yield _row("inside_3sigma", "all", "", time_share_interval(moments["inside"].at(2, tally.space.size)))
+    yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
+    yield _row("anees", "all", "", positive_interval(moments["anees"]))
+    yield _row("anees_converged", "all", "", positive_interval(moments["anees_converged"]))
+    error = np.concatenate([first for first, _ in tally.first_runs], axis=-1)
+    nees = np.concatenate([second for _, second in tally.first_runs], axis=-1)
+    if not tally.repeated:
+        index, inclination = credibility(error, nees)
+        yield _row("noncredibility", "all", "dB", index)
+        yield _row("inclination", "all", "dB", inclination)
+    if int(moments["anis"].count):
+        yield _row("anis", "all", "", positive_interval(moments["anis"]))
+        for lag in range(LAGS):
+            found = mean_interval(moments["correlation"].component(lag))
+            yield _row("innovation_correlation", f"lag {lag + 1}", "", found)
+
+
+def _efficiency(tally: Tally, bound: Array | None) -> Iterator[Row]:
+    """Bound over RMSE: at most one but for chance. Its interval is that of the RMSE."""
+    if bound is None:
+        return
+    variance = np.einsum("iit->it", bound)
+    parts = [(name, variance[i], tally.moments["mean_square"].at(i)) for i, name in enumerate(tally.space.names)]
+    if tally.space.position:
+        at = list(tally.space.position)
+        parts.append(("position", variance[at].sum(axis=0), tally.moments["position_square"]))
+    for name, least, moments in parts:
+        found, root = positive_interval(moments), np.sqrt(least.mean())
+        value, low, high = (float(root / np.sqrt(x)) for x in (found.value, found.high, found.low))
+        yield Row("efficiency", name, "", value, low, high, found.n)
+
+
+def _found(tally: Tally) -> Iterator[Row]:
+    if "found" in tally.moments:
+        share = tally.moments["found"]
+        yield _row("found", "position", "", share_interval(float(share.mean[0]), int(share.count)))
+        yield _row("found_time", "position", "s", mean_interval(tally.moments["found_time"]))
+
+
+def _noted(tally: Tally) -> Iterator[Row]:
+    for name in ("gated", "vanished"):
+        if (noted := tally.sums.get(f"note_{name}")) is not None and noted.any():
+            yield _count(name, "readings", int(noted.sum()), tally.runs)
+    if "ess" in tally.moments:
+        yield _row("ess", "all", "particles", mean_interval(tally.moments["ess"]))
+
+
+def test_rows(tests: Sequence[Test]) -> list[dict[str, object]]:
+    """A line a test."""
+    return [
+        {
+            "test": test.name,
+            "of": test.of,
+            "value": test.found.value,
+            "ci_low": test.found.low,
+            "ci_high": test.found.high,
+            "expected": test.expected,
+            "p": test.p,
+            "p_holm": test.adjusted,
+            "n": test.found.n,
+            "outcome": _outcome(test),
+            "level": LEVEL,
+        }
+        for test in tests
+    ]
+
+
+def _outcome(test: Test) -> str:
+    if np.isnan(test.p):
+        return f"not available: {test.why or 'nothing varies'}"
+    return "rejected" if test.rejected else "not rejected"
+
+
+def coverage_rows(tally: Tally) -> list[dict[str, object]]:
+    """Shares within 1, 2, 3 sigma of each component and of all jointly, over all steps and at the last."""
+    rows = []
+    for when, share in (("all steps", tally.moments["inside"]), ("last step", tally.moments["inside_last"])):
+        for i, name in enumerate((*tally.space.names, "all")):
+            for k, sigmas in enumerate(SIGMAS):
+                found = _share_of_runs(share.at(k, i)) if when == "last step" else time_share_interval(share.at(k, i))
+                low, high = (np.nan, np.nan) if tally.repeated else (found.low, found.high)
+                rows.append(
+                    {
+                        "when": when,
+                        "component": name,
+                        "sigmas": sigmas,
+                        "nominal": within(sigmas),
+                        "share": found.value,
+                        "ci_low": low,
+                        "ci_high": high,
+                        "n": found.n,
+                    }
+                )
+    return rows
+
+
+def histogram_rows(tally: Tally) -> list[dict[str, object]]:
+    """How many runs have an RMSE, and a mean NEES / n, between which bounds; bins without runs are left out."""
+    rows = []
+    parts = [("rmse", name, tally.histograms["mean_square"].counts[i]) for i, name in enumerate(tally.space.names)]
+    if "position_square" in tally.histograms:
+        parts.append(("rmse", "position", tally.histograms["position_square"].counts))
+    parts.append(("anees", "all", tally.histograms["anees"].counts))
+    edges = tally.histograms["anees"].edges()
+    for metric, component, counts in parts:
+        for i in np.flatnonzero(counts):
+            rows.append(
+                {
+                    "metric": metric,
+                    "component": component,
+                    "low": edges[i],
+                    "high": edges[i + 1],
+                    "runs": int(counts[i]),
+                }
+            )
+    return rows
+
+
+def _share_of_runs(moments: Moments) -> Estimate:
+    n = int(moments.count)
+    return share_interval(float(moments.mean[0]) if n else np.nan, n)
+
+
+def _root(estimate: Estimate) -> Estimate:
+    """The root of a mean square; its interval is the root of the mean square's."""
+    value, low, high, n = estimate
+    return Estimate(float(np.sqrt(value)), float(np.sqrt(low)), float(np.sqrt(high)), n)
+
+
+def _clipped(estimate: Estimate) -> Estimate:
+    value, low, high, n = estimate
+    value = min(value, 1.0)  # a sum of shares of time may be one and a last bit
+    return Estimate(value, max(low, 0.0) if np.isfinite(low) else low, min(high, 1.0) if np.isfinite(high) else high, n)

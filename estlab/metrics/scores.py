@@ -1,0 +1,166 @@
+"""One block of runs scored: errors, normalised errors and innovations, and which runs were lost."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estlab.maths.linalg import cholesky, solve_lower
+from estlab.maths.space import Array, Space
+from estlab.metrics.laws import SIGMAS, nees_law, within
+from estlab.record import Estimates, Record
+
+LAGS = 5  # of the innovations' correlation
+_END = 0.1  # a run is lost if its error is beyond the limit over this last part of its steps
+
+# On its way to NaN a run that diverges has errors too large to square and variances below zero: no warning's worth.
+quietly = np.errstate(invalid="ignore", over="ignore", divide="ignore")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a problem calls found and lost: position errors, None where it calls nothing so."""
+
+    found_within: float | None = None
+    lost_beyond: float | None = None
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of a filter over a block; only what is finite is scored.
+
+    error, sigma: (n, T, runs). nees, with its law's mean, variance and below: (T, runs). nis, measured: (T, runs),
+    summed over the step's readings, and how many numbers those were. distance: (T, runs) of the position, None where
+    there is none. whitened: (m, N, runs). not_finite, not_definite, lost: (runs,), no run in more than one.
+    """
+
+    error: Array
+    sigma: Array
+    nees: Array
+    nees_mean: Array
+    nees_variance: Array
+    nees_below: Array
+    nis: Array
+    measured: Array
+    distance: Array | None
+    whitened: Array
+    not_finite: Array
+    not_definite: Array
+    lost: Array
+
+    @property
+    def scored(self) -> Array:
+        """(n, T, runs) which errors count."""
+        return np.isfinite(self.error) & np.isfinite(self.sigma)
+
+    @property
+    def diverged(self) -> Array:
+        """(runs,) for whatever reason."""
+        return self.not_finite | self.not_definite | self.lost
+
+    def inside(self, sigmas: int) -> Array:
+        """(n, T, runs) whether each error is within so many standard deviations."""
+        return self.scored & (np.abs(self.error) <= sigmas * self.sigma)
+
+    def inside_jointly(self, sigmas: int) -> Array:
+        """(T, runs) whether the NEES lies where its law has the probability of so many standard deviations."""
+        return np.asarray(self.nees_below <= within(sigmas))
+
+
+@quietly
+def score(space: Space, limits: Limits, record: Record, estimates: Estimates) -> Scores:
+    """Score a block of runs."""
+    error = space.minus(estimates.mean, record.truth)
+    sigma = np.sqrt(estimates.cov[range(space.size), range(space.size)])
+    factor = cholesky(estimates.cov)
+    scaled = solve_lower(factor, error[:, None])[:, 0]
+    nees = np.einsum("i...,i...->...", scaled, scaled)
+    law = nees_law(nees, space.size, estimates.sample)
+    nis, measured = _per_step(record, estimates.whitened)
+    distance = None
+    if space.position:
+        at = list(space.position)
+        known = np.isfinite(error[at]).all(axis=0) & np.isfinite(sigma[at]).all(axis=0)
+        distance = np.where(known, np.sqrt((error[at] ** 2).sum(axis=0)), np.nan)
+    finite = np.isfinite(estimates.mean).all(axis=0) & np.isfinite(estimates.cov).all(axis=(0, 1))
+    definite = np.asarray(np.einsum("ii...->i...", factor) > 0.0).all(axis=0)
+    not_finite, not_definite = _broken(np.asarray(finite), np.asarray(definite))
+    runs = nees.shape[1]
+    return Scores(
+        error=error,
+        sigma=sigma,
+        nees=nees,
+        nees_mean=np.broadcast_to(law.mean, nees.shape),
+        nees_variance=np.broadcast_to(law.variance, nees.shape),
+        nees_below=law.below,
+        nis=nis,
+        measured=measured,
+        distance=distance,
+        whitened=estimates.whitened,
+        not_finite=np.broadcast_to(not_finite, runs),
+        not_definite=np.broadcast_to(not_definite, runs),
+        lost=_lost(distance, limits.lost_beyond, runs) & ~(not_finite | not_definite),
+    )
+
+
+def found_time(time: Array, distance: Array, within: float) -> Array:
+    """(runs,) the time from which the position error stays within bounds; NaN for a run that ends outside."""
+    outside = ~(distance <= within)
+    last = np.where(outside.any(axis=0), outside.shape[0] - 1 - outside[::-1].argmax(axis=0), -1)
+    after = np.minimum(last + 1, time.size - 1)
+    return np.where(last == time.size - 1, np.nan, time[after])
+
+
+def correlations(whitened: Array, lags: int) -> Array:
+    """Each run's whitened innovations (m, N, runs) correlated with those 1, 2, ... readings before; (lags, runs).
+
+    Sums of products of the same component over the sum of squares. Each has mean zero where innovations are white,
+    whatever their scale. Readings that a run has not are passed over. NaN for a run with fewer readings than four
+    times the lags. Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2.
+    """
+    has = np.isfinite(whitened).any(axis=0)
+    if not has.all():
+        order = np.argsort(~has, axis=0, kind="stable")
+        whitened = np.take_along_axis(whitened, order[None], axis=1)
+    known = np.nan_to_num(whitened)
+    count, total = has.sum(axis=0), (known**2).sum(axis=(0, 1))
+    found = np.full((lags, known.shape[2]), np.nan)
+    for i in range(min(lags, known.shape[1] - 1)):
+        found[i] = (known[:, i + 1 :] * known[:, : -i - 1]).sum(axis=(0, 1)) / np.where(total > 0.0, total, np.nan)
+    return np.where(count >= 4 * lags, found, np.nan)
+
+
+def shares_inside(scores: Scores) -> tuple[Array, Array]:
+    """Which errors are within 1, 2, 3 sigma, and which count at all; (3, n + 1, T, runs), the last all jointly."""
+    inside = np.stack([np.concatenate([scores.inside(k), scores.inside_jointly(k)[None]]) for k in SIGMAS])
+    counted = np.concatenate([scores.scored, np.isfinite(scores.nees_below)[None]])
+    return inside, np.broadcast_to(counted, inside.shape)
+
+
+def _per_step(record: Record, whitened: Array) -> tuple[Array, Array]:
+    """NIS and numbers measured, (T, runs), from whitened innovations (m, N, runs) in the order of their steps."""
+    steps, runs = record.time.size, whitened.shape[2]
+    nis, measured = np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
+    if whitened.size:
+        taken, first = np.unique(record.readings.step, return_index=True)
+        known = np.isfinite(whitened)
+        nis[taken] = np.add.reduceat((np.where(known, whitened, 0.0) ** 2).sum(axis=0), first, axis=0)
+        measured[taken] = np.add.reduceat(known.sum(axis=0), first, axis=0)
+    return nis, measured
+
+
+def _broken(finite: Array, definite: Array) -> tuple[Array, Array]:
+    """(runs,) which beliefs (T, runs) first were not finite, and which first were finite but not positive definite."""
+    sound = finite & definite
+    first = (~sound).argmax(axis=0)
+    broken = ~sound.all(axis=0)
+    still_finite = np.take_along_axis(finite, first[None], axis=0)[0]
+    return np.asarray(broken & ~still_finite), np.asarray(broken & still_finite)
+
+
+def _lost(distance: Array | None, beyond: float | None, runs: int) -> Array:
+    """(runs,) whose position error stays beyond a limit over the last part of the steps."""
+    if distance is None or beyond is None:
+        return np.zeros(runs, dtype=bool)
+    end = distance[-max(1, round(_END * distance.shape[0])) :]
+    known = np.isfinite(end)
+    return np.asarray(known.any(axis=0) & (~known | (end > beyond)).all(axis=0))

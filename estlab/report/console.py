@@ -1,0 +1,53 @@
+"""Standard output and a progress bar; plain lines where there is no terminal."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+
+_EVERY = 0.1  # seconds between updates of the bar
+
+
+class _Console(Console):
+    """A console whose reader may leave, as head does, without ending the run: its results are on the disk."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def console() -> Console:
+    """Standard output; wide enough for the tables where it is not a terminal."""
+    out = _Console(highlight=False)
+    return out if out.is_terminal else _Console(highlight=False, width=240, color_system=None)
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int], Callable[[], None]]]:
+    """A bar, shown only on a terminal and only if it lasts: told how many ticks there will be, it gives what ticks."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    screen = Console(stderr=True)
+    if not screen.is_terminal:
+        yield lambda total: lambda: None
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=screen, transient=True) as bar:
+
+        def begin(total: int) -> Callable[[], None]:
+            task = bar.add_task(what, total=total)
+            done, shown = 0, time.monotonic()
+
+            def tick() -> None:
+                nonlocal done, shown
+                done += 1
+                if time.monotonic() - shown > _EVERY:
+                    bar.update(task, completed=done)
+                    shown = time.monotonic()
+
+            return tick
+
+        yield begin

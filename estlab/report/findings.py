@@ -1,0 +1,21 @@
+"""What the statistics say of one filter, as it is reported."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from estlab.metrics.consistency import Test
+from estlab.metrics.rows import Row
+from estlab.metrics.verdict import Verdict
+
+
+class Findings(NamedTuple):
+    """Rows of figures, tests and the verdict."""
+
+    rows: Sequence[Row]
+    tests: Sequence[Test]
+    verdict: Verdict
+
+    def row(self, metric: str, component: str = "all") -> Row | None:
+        """The row of a metric and component, if there is one and it has a value."""
+        found = next((row for row in self.rows if row.metric == metric and row.component == component), None)
+        return None if found is None or found.value != found.value else found
