@@ -52,7 +52,9 @@ def swept_keys(planned: Sequence[Planned]) -> list[str]:
 def _common(planned: Sequence[Planned]) -> str:
     """What is typed for every job, but for what changes no figure of it."""
     words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
-    return " ".join(word for word in words if not word.startswith(("sweep.", "plots=", "output=")))
+    return " ".join(
+        word for word in words if not word.startswith(("sweep.", "plots=", "output=", "expect", "++expect"))
+    )
 
 
 def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:

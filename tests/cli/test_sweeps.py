@@ -198,8 +198,8 @@ def test_a_job_that_does_not_find_what_is_expected_failed_and_has_its_figures():
 def test_a_verdict_is_a_word_in_a_column_of_its_own():
     assert sweep("filter=ekf", "seed=1,2", "runs=20", "steps=40", "noise.filter.process_scale=1,0.1") == 0
     words = [row["verdict"] for row in table()]
-    assert words[1] == words[3] == "optimistic"
-    assert "optimistic" not in (words[0], words[2])
+    assert words[1] == words[3] == "overconfident"
+    assert "overconfident" not in (words[0], words[2])
     assert not any(column.startswith("verdict.") for column in table()[0])
 
 
