@@ -1,5 +1,6 @@
 """A command line before Hydra sees it: what Hydra would take wrongly or say badly."""
 
+import importlib.util
 import re
 
 from estlab.errors import UserError
@@ -10,6 +11,15 @@ _FLAGS = {
     *("--config-dir", "-cd", "--info", "-i"),
 }
 _WITH_VALUE = {"--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"}
+
+# Hydra's launchers by what they need installed, and the extra of estlab that brings it.
+_ENGINES = {
+    "dask": ("distributed", "dask"),
+    "joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
+    "ray": ("hydra_plugins.hydra_ray_launcher", "ray"),
+    "submitit_local": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
+    "submitit_slurm": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
+}
 
 
 def prepared(arguments: list[str]) -> list[str]:
@@ -29,6 +39,7 @@ def prepared(arguments: list[str]) -> list[str]:
             raise UserError(f"{argument}: output must be a folder, for example output=runs")
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
+        _check_engine(argument)
     return _without_the_files_expectations(_expectations(_several_filters(arguments)))
 
 
@@ -57,6 +68,15 @@ def _expectations(arguments: list[str]) -> list[str]:
             key, value = match.groups()
             written += [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
     return written
+
+
+def _check_engine(argument: str) -> None:
+    group, _, name = argument.lstrip("+").partition("=")
+    if group != "hydra/launcher" or name not in _ENGINES:
+        return
+    module, extra = _ENGINES[name]
+    if importlib.util.find_spec(module.partition(".")[0]) is None or importlib.util.find_spec(module) is None:
+        raise UserError(f"{argument} needs more: pip install 'estlab[{extra}]'")
 
 
 def _several_filters(arguments: list[str]) -> list[str]:

@@ -18,13 +18,16 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab run scenario=car filter=ukf       run a filter on a problem; a timestamped directory under runs/
   estlab run filter=[ekf,ukf]              several filters on the same truth and readings
   estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
+  estlab sweep ... --dry-run               list its jobs and run none
+  estlab sweep --resume DIR                run what is not done of a sweep that was stopped
   estlab verify                            run every experiment that says what it finds, and hold it to that
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
   estlab list [scenarios|filters|experiments]  what there is
   estlab run --help                        every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
 
-Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration, 130 interrupted.
+Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration,
+3 some jobs of a sweep failed, 130 interrupted.
 """
 
 _COMMANDS = ("run", "sweep", "verify", "simulate", "list")
@@ -60,6 +63,10 @@ def _dispatch(arguments: list[str]) -> int:
     elif command == "list":
         return _list(rest)
     elif command in ("run", "sweep"):
+        if command == "sweep" or {"-m", "--multirun"} & set(rest):
+            from estlab.sweeps.resume import without_own_flags
+
+            rest = without_own_flags(rest)
         return launch(
             [*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, ["estlab", *arguments])
         )

@@ -41,6 +41,27 @@ class Data:
 
 
 @dataclass(frozen=True)
+class Sweep:
+    """How the jobs of a sweep are made and run."""
+
+    dir: str
+    zip: list[str]
+    repeats: int
+    retries: int
+    timeout: float | None
+    fail_fast: bool
+    dry_run: bool
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.repeats <= 1_000_000:
+            raise ValueError(f"repeats must be from 1 to 1e6, got {self.repeats}")
+        if not 0 <= self.retries <= 1000:
+            raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
+        if self.timeout is not None and self.timeout <= 0.0:
+            raise ValueError(f"timeout must be > 0, got {self.timeout}")
+
+
+@dataclass(frozen=True)
 class Settings:
     """A run's whole configuration, as objects."""
 
@@ -63,6 +84,7 @@ class Settings:
     output: str
     plugins: list[str]
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
+    sweep: Sweep
 
     def __post_init__(self) -> None:
         for name in ("runs", "steps", "keep_runs", "block_runs"):
@@ -91,6 +113,14 @@ def build(config: Node) -> Settings:
     allowed = ("estlab", *_plugins(config.get("plugins")))
     _check_targets(config, "", allowed)
     return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
+
+
+def sweep_settings(config: Node) -> Sweep:
+    """The settings of a sweep alone.
+
+    Raises UserError like :func:`build`.
+    """
+    return typing.cast(Sweep, _Builder({"sweep": config}, ()).construct(Sweep, config, "sweep"))
 
 
 def _plugins(names: Any) -> list[str]:

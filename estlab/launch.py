@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from estlab.config import Settings
     from estlab.ensemble import Names
     from estlab.expectations import Finding
+    from estlab.rundir import RunDirectory
 
 _BEGAN = time.time()
 
@@ -41,6 +42,7 @@ _TOLD = (
     "block_runs=",
     "expect",
     "++expect",
+    "sweep.",
 )
 
 
@@ -114,23 +116,36 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     except BaseException:
         remove_if_ours(folder, Path(str(config.output)))
         raise
+
+    def work() -> str:
+        directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
+        directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
+        directory.link_latest(Path(settings.output))
+        findings = experiment.run(settings, names, directory, command)
+        if told:
+            told(findings)
+        return expectations.unmet(findings)
+
+    return concluded(directory, work)
+
+
+def concluded(directory: "RunDirectory", work: Callable[[], str]) -> int:
+    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
+
+    work: gives what was expected and not found, nothing if all was.
+    """
     try:
         with directory.logged():
-            directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
-            directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
-            directory.link_latest(Path(settings.output))
-            findings = experiment.run(settings, names, directory, command)
+            unmet = work()
     except KeyboardInterrupt:
-        directory.finish("interrupted", "interrupted by the user")
+        directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
         raise
     except (Exception, SystemExit) as error:
-        message = _reason(error, folder / rundir.LOG)
-        directory.finish("failed", message)
-        return complain(message, USAGE if isinstance(error, UserError) else FAILED)
-    if told:
-        told(findings)
-    unmet = expectations.unmet(findings)
-    directory.finish("failed" if unmet else "ok", unmet)
+        message = _reason(error, directory.path / "log.txt")
+        code = USAGE if isinstance(error, UserError) else FAILED
+        directory.finish("failed", message, code)
+        return complain(message, code)
+    directory.finish("failed" if unmet else "ok", unmet, FAILED if unmet else OK)
     return complain(unmet, FAILED) if unmet else OK
 
 
@@ -144,10 +159,17 @@ def simulate_job(config: "DictConfig") -> int:
 
 def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     """The composed configuration as objects, and what the user called them."""
+    from estlab.config import build
+
+    plain, names = described(config)
+    return build(plain), names
+
+
+def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
+    """The composed configuration as plain data, and what the user called its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab.config import build
     from estlab.ensemble import Names
 
     hydra = HydraConfig.get()
@@ -165,7 +187,7 @@ def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return build(plain), Names(scenario, filter, changes)
+    return plain, Names(scenario, filter, changes)
 
 
 def _reason(error: BaseException, log: Path) -> str:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -37,19 +38,19 @@ _STATUS_BYTES = 2048
 class RunDirectory:
     """A directory that one run has to itself. Every file in it is written whole or not at all."""
 
-    def __init__(self, path: Path) -> None:
-        """Claim a directory, which is made if it is not there.
+    def __init__(self, path: Path, **facts: Any) -> None:
+        """Claim a directory, which is made if it is not there; facts are for run.json.
 
         Raises UserError if another run has it or it cannot be written.
         """
         self.path = path
         self._began = time.time()
-        self._facts: dict[str, Any] = {}
+        self._facts: dict[str, Any] = facts
         self._git = _git_state(Path(__file__).parent)
         try:
             path.mkdir(parents=True, exist_ok=True)
             with open(path / STATUS, "xb") as stream:
-                stream.write(self._status("running"))
+                stream.write(_stamp("running", self._began, os.getpid()))
         except FileExistsError as error:
             if not path.is_dir():
                 raise UserError(
@@ -61,16 +62,11 @@ class RunDirectory:
                 f"{path}: the run directory cannot be written ({error.strerror}); set output to another folder"
             ) from error
 
-    def finish(self, state: State, message: str = "") -> None:
-        """Set the final status, in place if there is no room for a new file."""
+    def finish(self, state: State, message: str = "", code: int = 0) -> None:
+        """Set the final status and exit code, in place if there is no room for a new file."""
         with contextlib.suppress(OSError):
             self.describe()
-        status = self._status(state, message)
-        try:
-            write_whole(self.path / STATUS, lambda stream: stream.write(status))
-        except OSError:
-            with open(self.path / STATUS, "r+b") as stream:
-                stream.write(status)
+        _replace(self.path / STATUS, _stamp(state, self._began, os.getpid(), message, code))
 
     @contextmanager
     def logged(self) -> Iterator[None]:
@@ -121,21 +117,45 @@ class RunDirectory:
         self.write_text(RUN, json.dumps(record, indent=2) + "\n")
 
     def link_latest(self, root: Path) -> None:
-        """Make ``latest`` in the folder of all runs point here. A system without symbolic links goes without."""
-        if not self.path.resolve().is_relative_to(root.resolve()):
-            return
-        link = root / f".latest.{os.getpid()}"
-        try:
-            link.symlink_to(self.path.resolve().relative_to(root.resolve()), target_is_directory=True)
-            os.replace(link, root / "latest")
-        except OSError:
-            link.unlink(missing_ok=True)
+        """Make ``latest`` in the folder of all runs point here."""
+        link_latest(self.path, root)
 
-    def _status(self, state: State, message: str = "") -> bytes:
-        stamp = {"status": state, "began": _iso(self._began), "pid": os.getpid()}
-        if state != "running":
-            stamp |= {"ended": _iso(time.time()), "error": message[:1000]}
-        return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
+
+def link_latest(path: Path, root: Path) -> None:
+    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without."""
+    if not path.resolve().is_relative_to(root.resolve()):
+        return
+    link = root / f".latest.{os.getpid()}"
+    try:
+        link.symlink_to(path.resolve().relative_to(root.resolve()), target_is_directory=True)
+        os.replace(link, root / "latest")
+    except OSError:
+        link.unlink(missing_ok=True)
+
+
+def end(path: Path, message: str) -> None:
+    """Set "failed" in the directory of a run whose process is gone, which is made if the process never did."""
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        began = datetime.fromisoformat(json.loads((path / STATUS).read_text())["began"]).timestamp()
+    except (OSError, ValueError, KeyError, TypeError):
+        began = time.time()
+    _replace(path / STATUS, _stamp("failed", began, os.getpid(), message, 1))
+
+
+def _replace(status: Path, stamp: bytes) -> None:
+    try:
+        write_whole(status, lambda stream: stream.write(stamp))
+    except OSError:
+        with open(status, "r+b") as stream:
+            stream.write(stamp)
+
+
+def _stamp(state: State, began: float, pid: int, message: str = "", code: int = 0) -> bytes:
+    stamp: dict[str, Any] = {"status": state, "began": _iso(began), "pid": pid, "node": platform.node()}
+    if state != "running":
+        stamp |= {"ended": _iso(time.time()), "error": message[:1000], "exit_code": code}
+    return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
 
 
 def hashes(files: Iterable[Path]) -> list[dict[str, str]]:
@@ -147,6 +167,7 @@ def _iso(stamp: float) -> str:
     return datetime.fromtimestamp(stamp).astimezone().isoformat()
 
 
+@cache
 def _version(package: str) -> str | None:
     try:
         return version(package)

@@ -422,14 +422,6 @@ def test_one_run_of_an_ensemble_can_be_made_again_alone(capsys):
         np.testing.assert_allclose(alone["mean"][..., 0], among["mean"][..., 4], rtol=1e-10)
 
 
-def test_a_sweep_makes_a_directory_for_each_job(capsys):
-    assert main(["sweep", "filter=ukf,ekf", "runs=2", "steps=5", "plots=false"]) == 0
-    jobs = sorted(path.name for path in Path("runs").glob("*/*_sweep/*") if path.is_dir())
-    assert jobs == ["0_car_ukf", "1_car_ekf"]
-    assert capsys.readouterr().out.count("runs diverged") == 2
-    assert main(["run", "-m", "filter.noise=additive,wrong", "runs=2", "steps=5", "plots=false"]) == 2
-
-
 def test_hydras_own_flags_work(capsys):
     assert main(["run", "--cfg", "job", "-p", "filter"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["kappa"] == 0.0

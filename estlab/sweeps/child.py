@@ -1,0 +1,99 @@
+"""A job in a process of its own, so that a limit on its time really ends it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import asdict
+from pathlib import Path
+from typing import NoReturn
+
+from estlab import rundir
+from estlab.launch import FAILED, OK
+from estlab.sweeps import state
+from estlab.sweeps.job import Job
+
+
+def run_for(job: Job, limit: float) -> int:
+    """Run a job for at most so many seconds, its start included; the exit code. Its status says why it was ended."""
+    folder = Path(job.folder)
+    alive, held = os.pipe()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "estlab.sweeps.child", str(alive)],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+            pass_fds=[alive], env=environment, start_new_session=True,
+        )  # fmt: skip
+        os.close(alive)
+        try:
+            process.communicate(json.dumps(asdict(job)).encode(), timeout=limit)
+        except subprocess.TimeoutExpired:
+            _kill(process)
+            if state.outcome(folder).state == "ok":
+                return OK
+            rundir.end(folder, f"took longer than sweep.timeout={limit:g} s and was ended")
+            return FAILED
+        except BaseException:
+            _ask_to_end(process)
+            raise
+        finally:
+            os.close(held)
+        if state.outcome(folder).state in ("left", "running"):
+            said.seek(0)
+            rundir.end(folder, _last_words(process.returncode, said.read().decode(errors="replace")))
+            return FAILED
+        return process.returncode
+
+
+def _kill(process: "subprocess.Popen[bytes]") -> None:
+    """End it and all that it started."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        process.kill()
+    process.wait()
+
+
+def _ask_to_end(process: "subprocess.Popen[bytes]") -> None:
+    process.terminate()
+    try:
+        process.wait(5)
+    except subprocess.TimeoutExpired:
+        _kill(process)
+
+
+def _last_words(code: int, said: str) -> str:
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code} and no status"
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    return f"its process ended with {how}" + (f": {lines[-1]}" if lines else "")
+
+
+def main() -> int:
+    """Run the job on standard input, and end when the process that holds the pipe does."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    job = Job(**json.load(sys.stdin))
+    threading.Thread(target=_end_with, args=[int(sys.argv[1])], daemon=True).start()
+    try:
+        return job.run()
+    except KeyboardInterrupt:
+        return FAILED
+
+
+def _end_with(pipe: int) -> NoReturn:
+    os.read(pipe, 1)
+    os._exit(FAILED)
+
+
+def _interrupt(number: int, frame: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("estlab.sweeps.child is started by a sweep with sweep.timeout")
+    code = main()
+    sys.exit(OK if code == OK else code)

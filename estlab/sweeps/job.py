@@ -1,0 +1,125 @@
+"""One job of a sweep: what engines hand to their workers. Its directory says how it went, and nothing else does."""
+
+import contextlib
+import io
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from estlab import rundir
+from estlab.launch import OK, USAGE, concluded, described
+from estlab.sweeps import state
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+OUTPUT = "output.txt"
+
+# Hydra's configuration, the standard streams and the log are the process's, so its threads take turns.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that a job needs, as plain data that any process can be given."""
+
+    folder: str
+    plain: dict[str, Any]
+    scenario: str
+    filter: str
+    changes: list[str]
+    config: str
+    typed: str
+    overrides: list[str]
+
+    def run(self) -> int:
+        """Run in its directory, which must not be there; the exit code. It raises an interruption alone."""
+        from estlab import expectations, experiment
+        from estlab.config import build
+        from estlab.ensemble import Names
+
+        mark = state.fingerprint(self.plain, self.scenario, self.filter)
+        directory = rundir.RunDirectory(Path(self.folder), fingerprint=mark)
+
+        def work() -> str:
+            directory.write_text(rundir.CONFIG, self.config)
+            directory.write_text(rundir.OVERRIDES, self.typed)
+            names = Names(self.scenario, self.filter, tuple(self.changes))
+            settings = build(self.plain)
+            experiment.check(settings, names)
+            return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
+
+        with _output(directory):
+            return concluded(directory, work)
+
+
+def task(config: "DictConfig") -> int:
+    """Run the job of a composed configuration, again as often as it may be; the last attempt's exit code."""
+    from hydra.core.hydra_config import HydraConfig
+
+    with _ONE_AT_A_TIME:
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        if (folder.parent / state.STOP).exists():
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # Hydra made it; what is not empty stays
+            return OK
+        job = _job(config, folder)
+        limits = job.plain["sweep"]
+        code = OK
+        for _ in range(1 + limits["retries"]):
+            if state.at_work(folder) or _is_done(job):
+                return OK
+            state.set_aside(folder)
+            code = _attempt(job, limits["timeout"])
+            if code in (OK, USAGE):
+                break
+        if code != OK and limits["fail_fast"]:
+            (folder.parent / state.STOP).touch()
+        return code
+
+
+def _job(config: "DictConfig", folder: Path) -> Job:
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    plain, names = described(config)
+    typed = HydraConfig.get().overrides.task
+    return Job(
+        folder=str(folder),
+        plain=plain,
+        scenario=names.scenario,
+        filter=names.filter,
+        changes=list(names.changes),
+        config=OmegaConf.to_yaml(config, resolve=True),
+        typed=OmegaConf.to_yaml(typed),
+        overrides=[str(word) for word in typed if not word.startswith("sweep.")],
+    )
+
+
+def _is_done(job: Job) -> bool:
+    """Whether another worker, given up for dead, has done it after all."""
+    wanted = state.fingerprint(job.plain, job.scenario, job.filter)
+    return state.outcome(Path(job.folder), wanted).state == "ok"
+
+
+def _attempt(job: Job, limit: float | None) -> int:
+    if limit is None:
+        return job.run()
+    from estlab.sweeps.child import run_for
+
+    return run_for(job, limit)
+
+
+@contextmanager
+def _output(directory: rundir.RunDirectory) -> Iterator[None]:
+    """What the job prints, kept in a file of its directory: a hundred summaries are no answer to a sweep."""
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            yield
+    finally:
+        with contextlib.suppress(OSError):
+            directory.write_text(OUTPUT, printed.getvalue())

@@ -1,0 +1,116 @@
+"""From the words of a sweep to its jobs, each composed once to know its name and its figures' fingerprint."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from estlab.config import Sweep
+from estlab.errors import UserError
+from estlab.launch import described
+from estlab.sweeps.plan import combinations
+from estlab.sweeps.state import Planned, fingerprint
+
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+    from hydra.types import HydraContext
+    from omegaconf import DictConfig
+
+
+def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: Sweep) -> list[Planned]:
+    """The jobs of a sweep, in their order.
+
+    Raises UserError or Hydra's exceptions for words that cannot all be composed: then no job is begun.
+    """
+    fixed, swept = _parsed(context, words)
+    if limits.repeats > 1 and "seed" in swept:
+        raise UserError("sweep.repeats repeats each job by seed; leave seed=... with several values out")
+    if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
+        fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
+    jobs: list[Planned] = []
+    for values in combinations({_bare(key): list(words) for key, words in swept.items()}, limits.zip):
+        chosen = [f"{key}={values[_bare(key)]}" for key in swept]
+        overrides = [*fixed.values(), *chosen]
+        job, seed = _composed(context, config, len(jobs), overrides, values)
+        if limits.repeats == 1:
+            jobs.append(job)
+            continue
+        overrides = [word for word in overrides if not word.startswith("seed=")]
+        for seed_of_repeat in range(seed, seed + limits.repeats):
+            again = [*overrides, f"seed={seed_of_repeat}"]
+            named = {**values, "seed": str(seed_of_repeat)}
+            jobs.append(_composed(context, config, len(jobs), again, named)[0])
+    names = [job.name for job in jobs]
+    if len(set(names)) < len(names):
+        raise UserError("hydra.sweep.subdir gives several jobs one directory; put ${hydra:job.num} in it")
+    return jobs
+
+
+def _parsed(context: "HydraContext", words: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """What every job has, and the keys with several values; what is written later holds."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    fixed: dict[str, str] = {}
+    swept: dict[str, list[str]] = {}
+    for override in OverridesParser.create(config_loader=context.config_loader).parse_overrides(list(words)):
+        key = override.get_key_element()
+        fixed.pop(key, None)
+        swept.pop(key, None)
+        if override.is_sweep_override():
+            swept[key] = _values(override)
+        else:
+            fixed[key] = str(override.input_line)
+    return fixed, swept
+
+
+def _values(override: "Override") -> list[str]:
+    word = override.input_line
+    if override.key_or_group.startswith("sweep."):
+        raise UserError(f"{word}: the keys under sweep are those of the whole sweep; give one value")
+    if not override.is_discrete_sweep():
+        raise UserError(f"{word}: an interval has no list of values; write range(...) or values with commas")
+    if getattr(override.value(), "shuffle", False):
+        raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
+    values = list(override.sweep_string_iterator())
+    if not values:
+        raise UserError(f"{word}: gives no value")
+    return values
+
+
+def _composed(
+    context: "HydraContext", config: "DictConfig", number: int, overrides: list[str], values: dict[str, str]
+) -> tuple[Planned, int]:
+    """A job, and its seed."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import open_dict, read_write
+
+    job_config = context.config_loader.load_sweep_config(config, overrides)
+    with open_dict(job_config):
+        job_config.hydra.job.num = number
+        job_config.hydra.job.id = str(number)
+    before = HydraConfig.instance().cfg
+    HydraConfig.instance().set_config(job_config)
+    try:
+        name = str(HydraConfig.get().sweep.subdir).replace("/", "-")
+        with read_write(job_config), open_dict(job_config):
+            del job_config["hydra"]
+        plain, names = described(job_config)
+    finally:
+        HydraConfig.instance().cfg = before
+    shown = {key: _unquoted(value) for key, value in values.items()}
+    mark = fingerprint(plain, names.scenario, names.filter)
+    return Planned(number, name, tuple(overrides), shown, mark), _seed(plain)
+
+
+def _seed(plain: dict[str, Any]) -> int:
+    seed = plain["seed"]
+    if not isinstance(seed, int):
+        raise UserError(f"seed must be a whole number, got {seed!r}")
+    return seed
+
+
+def _bare(key: str) -> str:
+    return key.lstrip("+")
+
+
+def _unquoted(value: str) -> str:
+    quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
+    return value[1:-1] if quoted else value

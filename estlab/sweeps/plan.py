@@ -1,0 +1,41 @@
+"""From keys with several values to the combinations of a sweep."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+from estlab.errors import UserError
+
+Values = Mapping[str, Sequence[str]]
+
+
+def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
+    """Every combination of the keys' values, the last key's running fastest; zipped keys run together.
+
+    Raises UserError for zipped keys that are not swept or have unequal numbers of values.
+    """
+    _check_zip(swept, zipped)
+    together = {key: values for key, values in swept.items() if key in zipped}
+    pairs = [dict(zip(together, row, strict=True)) for row in zip(*together.values(), strict=True)]
+    axes, placed = [], False
+    for key, values in swept.items():
+        if key not in together:
+            axes.append([{key: value} for value in values])
+        elif not placed:
+            axes.append(pairs)
+            placed = True
+    found = [{key: value for part in parts for key, value in part.items()} for parts in product(*axes)]
+    return [{key: values[key] for key in swept} for values in found]
+
+
+def _check_zip(swept: Values, zipped: Sequence[str]) -> None:
+    from estlab.config import nearest
+
+    for key in zipped:
+        if key not in swept:
+            raise UserError(f"sweep.zip: {key} has no list of values in this sweep{nearest(key, list(swept))}")
+    if len(zipped) == 1 or len(set(zipped)) != len(zipped):
+        raise UserError(f"sweep.zip must name two keys or more, each once, got [{','.join(zipped)}]")
+    lengths = {key: len(swept[key]) for key in zipped}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise UserError(f"sweep.zip pairs values, so the keys need equally many: {told}")

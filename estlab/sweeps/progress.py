@@ -1,0 +1,99 @@
+"""The live line of a sweep and each failure as it happens, read from the jobs' directories, whoever runs them."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from estlab import rundir
+from estlab.sweeps import state
+
+_EVERY = 0.5  # seconds between looks at the directories
+_LINE_EVERY = 30.0  # seconds between lines where there is no terminal
+
+
+@contextmanager
+def watched(sweep: Path, names: Sequence[str], done: int) -> Iterator[None]:
+    """Tell of these jobs on standard error while the body runs them; ``done`` were ok before."""
+    # Jobs in this process take sys.stderr for themselves; the line goes on here.
+    screen = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    bar = Progress(
+        *columns, console=screen, transient=True, redirect_stdout=False, redirect_stderr=False,
+        disable=not screen.is_terminal, refresh_per_second=2,
+    )  # fmt: skip
+    ended = threading.Event()
+    with bar:
+        watch = _Watch(sweep, names, done, screen, bar)
+        thread = threading.Thread(target=watch.until, args=[ended], daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
+
+class _Watch:
+    def __init__(self, sweep: Path, names: Sequence[str], done: int, screen: Console, bar: Progress) -> None:
+        self.sweep, self.screen, self.bar = sweep, screen, bar
+        self.pending = dict.fromkeys(names)
+        self.told: set[tuple[str, int]] = set()
+        self.failed: set[str] = set()
+        self.done, self.new = done, 0
+        self.total = done + len(names)
+        self.began = self.said = time.monotonic()
+        self.row = bar.add_task(self._words(), total=self.total, completed=done)
+
+    def until(self, ended: threading.Event) -> None:
+        while not ended.wait(_EVERY):
+            self.look()
+        self.look()
+
+    def look(self) -> None:
+        for name in list(self.pending):
+            if not self._has_ended(self.sweep / name):
+                continue
+            found = state.outcome(self.sweep / name)
+            self.failed.discard(name)
+            if found.state == "ok":
+                self.done += 1
+                self.new += 1
+                del self.pending[name]
+            elif found.state == "failed":  # what cannot be read may be half written yet
+                self.failed.add(name)
+                self._tell(name, found)
+        self.bar.update(self.row, completed=self.done + len(self.failed), description=self._words())
+        if self.bar.disable and time.monotonic() - self.said > _LINE_EVERY:
+            self.said = time.monotonic()
+            self.screen.print(Text(f"estlab: sweep, {self._words()}{self._to_go()}"))
+
+    def _has_ended(self, folder: Path) -> bool:
+        """A glance at the text: most jobs of a large sweep have not begun."""
+        try:
+            return '"status": "running"' not in (folder / rundir.STATUS).read_text(errors="replace")
+        except OSError:
+            return False
+
+    def _tell(self, name: str, found: state.Outcome) -> None:
+        attempt = len(state.attempts(self.sweep, name))
+        if (name, attempt) not in self.told:
+            self.told.add((name, attempt))
+            self.screen.print(Text(f"estlab: job {name} failed: {found.error} ({self.sweep / name})"))
+
+    def _words(self) -> str:
+        left = self.total - self.done - len(self.failed)
+        return f"{self.done} done, {len(self.failed)} failed, {left} left"
+
+    def _to_go(self) -> str:
+        ended = self.new + len(self.failed)
+        if not ended:
+            return ""
+        left = (self.total - self.done - len(self.failed)) * (time.monotonic() - self.began) / ended
+        return f", {left / 60:.0f} min to go" if left >= 60 else f", {left:.0f} s to go"

@@ -1,0 +1,131 @@
+"""Running what is left of a sweep, by any of Hydra's launchers, until every job has ended or may not be tried again."""
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estlab import rundir
+from estlab.config import Sweep
+from estlab.errors import UserError
+from estlab.sweeps import state
+from estlab.sweeps.job import task
+from estlab.sweeps.state import Planned
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence as Returns
+
+    from hydra.core.utils import JobReturn
+    from hydra.types import HydraContext
+    from omegaconf import DictConfig
+
+_LOST = "its process ended without a word: it was killed, or memory ran out"
+
+
+class Rounds:
+    """What is left goes to the launcher whole; what then has not begun, or was lost with its worker, goes again."""
+
+    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: Sweep) -> None:
+        from omegaconf import open_dict, read_write
+
+        self.context, self.config, self.sweep, self.limits = context, config, sweep, limits
+        with read_write(config), open_dict(config):
+            config.hydra.sweep.dir = str(sweep)
+        # Of jobs without a directory, when there is no room for one.
+        self.errors: dict[str, str] = {}
+
+    def run(self, left: list[Planned]) -> None:
+        """Run these jobs. Their directories say how it went, and ``errors`` where there is none.
+
+        Raises UserError if the launcher itself cannot start.
+        """
+        deaths: Counter[str] = Counter()
+        while left and not self._stopped():
+            self._launch(left)
+            lost = [job.name for job in left if self._is_lost(job)]
+            deaths.update(lost)
+            left = [job for job in left if self._may_go_again(job, deaths[job.name] if job.name in lost else None)]
+
+    def _launch(self, jobs: "Sequence[Planned]") -> None:
+        try:
+            returns = self._launched(jobs)
+        except UserError:
+            raise
+        except Exception as error:
+            self._not_launched(jobs, error)
+            return
+        for job, result in zip(jobs, returns, strict=True):
+            if self._has_not_begun(job) and not self._stopped():
+                self._fail(job, getattr(result, "_return_value", None))
+
+    def _launched(self, jobs: "Sequence[Planned]") -> "Returns[JobReturn]":
+        from hydra.core.hydra_config import HydraConfig
+        from hydra.core.plugins import Plugins
+
+        # joblib and submitit ask for a job's name before they have set its configuration.
+        HydraConfig.instance().set_config(self.config)
+        launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=self.context, task_function=task, config=self.config
+        )
+        place = f"hydra.sweep.dir={_quoted(str(self.sweep))}"
+        words = [[*job.overrides, place, f"hydra.sweep.subdir={_quoted(job.name)}"] for job in jobs]
+        return launcher.launch(words, initial_job_idx=jobs[0].number)
+
+    def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:
+        """The launcher gave up. If it began nothing, the next job may yet go; another engine cannot start at all."""
+        if not all(self._has_not_begun(job) for job in jobs):
+            return  # a worker died, and with some launchers all of its pool; the rest goes again
+        if not str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher"):
+            name = self.config.hydra.runtime.choices["hydra/launcher"]
+            raise UserError(f"hydra/launcher={name} cannot start: {_told(error)}") from error
+        if len(jobs) == 1:
+            self._fail(jobs[0], error)
+            return
+        for job in jobs:
+            if not self._stopped():
+                self._launch([job])
+
+    def _may_go_again(self, job: Planned, deaths: int | None) -> bool:
+        """Whether it never began, or was lost with its worker and is not yet known to be the reason."""
+        if job.name in self.errors:
+            return False
+        return self._has_not_begun(job) if deaths is None else deaths <= max(1, self.limits.retries)
+
+    def _is_lost(self, job: Planned) -> bool:
+        """Whether its worker is gone. One that lives on is waited for."""
+        folder = self.sweep / job.name
+        while state.at_work(folder):
+            time.sleep(0.1)
+        found = state.outcome(folder).state
+        if found == "running":
+            with contextlib.suppress(OSError):
+                rundir.end(folder, _LOST)
+        return found in ("running", "interrupted")
+
+    def _fail(self, job: Planned, error: object) -> None:
+        """Say in its directory why a job never began, or remember it where there is no room even for that."""
+        message = _told(error) if isinstance(error, Exception) else "its launcher never began it"
+        try:
+            rundir.end(self.sweep / job.name, message)
+        except OSError:
+            self.errors[job.name] = message
+
+    def _has_not_begun(self, job: Planned) -> bool:
+        return state.outcome(self.sweep / job.name).state == "left"
+
+    def _stopped(self) -> bool:
+        return (self.sweep / state.STOP).exists()
+
+
+def _told(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the disk'}: {error.strerror or error}"
+    said = " ".join(str(error).split())
+    return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
+
+
+def _quoted(text: str) -> str:
+    """As a value that Hydra's grammar takes for this text."""
+    return "'" + text.replace("'", "\\'") + "'"

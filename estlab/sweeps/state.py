@@ -1,0 +1,184 @@
+"""What is on the disk of a sweep: its plan, its lock, and what each job's directory says of it."""
+
+import contextlib
+import csv
+import fcntl
+import json
+import os
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal
+
+from estlab import rundir
+from estlab.datasets.whole import write_text
+from estlab.errors import UserError
+
+PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
+
+# What may change between a job and its repetition without changing a figure of it.
+_NO_MATTER = ("output", "plots", "sweep")
+
+State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A job of a sweep: its directory's name, what is typed for it, its values of the swept keys, its fingerprint."""
+
+    number: int
+    name: str
+    overrides: tuple[str, ...]
+    values: dict[str, str]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job's directory says: rows are those of metrics.csv, as text."""
+
+    state: State
+    error: str = ""
+    code: int = 0
+    wall_time: float | None = None
+    rows: list[dict[str, str]] = field(default_factory=list)
+
+
+def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
+    """A hash of all that decides a job's figures: its resolved configuration and the names its randomness hangs on."""
+    decides = {key: value for key, value in plain.items() if key not in _NO_MATTER}
+    return sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
+
+
+def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
+    """Read a job's directory. With a fingerprint, it is ok only if it is that job's."""
+    try:
+        stamp = json.loads((folder / rundir.STATUS).read_text())
+        state, error, code = stamp["status"], stamp.get("error", ""), stamp.get("exit_code", 0)
+    except (FileNotFoundError, NotADirectoryError):
+        return Outcome("left")
+    except (OSError, ValueError, KeyError, TypeError):
+        return Outcome("damaged", f"{rundir.STATUS} cannot be read", 1)
+    if state not in ("running", "ok", "failed", "interrupted"):
+        return Outcome("damaged", f"{rundir.STATUS} holds an unknown status", 1)
+    try:
+        facts = json.loads((folder / rundir.RUN).read_text())
+        took = float(facts["wall_time_s"])
+    except (OSError, ValueError, KeyError, TypeError):
+        facts, took = {}, None
+    if state != "ok":
+        # One that did not find what it should has its figures all the same.
+        return Outcome(state, str(error), int(code), took, _metrics(folder) or [])
+    if fingerprint is not None and facts.get("fingerprint") != fingerprint:
+        return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
+    rows = _metrics(folder)
+    if rows is None:
+        return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
+    return Outcome("ok", "", 0, took, rows)
+
+
+def _metrics(folder: Path) -> list[dict[str, str]] | None:
+    """The rows of metrics.csv; None if they cannot be read."""
+    try:
+        with open(folder / rundir.METRICS, newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, ValueError, csv.Error):
+        return None
+    whole = rows and all(row.get("filter") and row.get("n") is not None for row in rows)
+    return rows if whole else None
+
+
+def at_work(folder: Path) -> int | None:
+    """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
+    try:
+        stamp = json.loads((folder / rundir.STATUS).read_text())
+        if stamp["status"] != "running" or stamp["node"] != platform.node() or stamp["pid"] == os.getpid():
+            return None
+        os.kill(int(stamp["pid"]), 0)
+    except PermissionError:
+        return int(stamp["pid"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+        return None
+    return int(stamp["pid"])
+
+
+def set_aside(folder: Path) -> None:
+    """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed."""
+    if not (folder / rundir.STATUS).exists():
+        return
+    attempts = folder.parent / ATTEMPTS
+    attempts.mkdir(exist_ok=True)
+    for number in range(1, 1_000_000):
+        place = attempts / f"{folder.name}.{number}"
+        if not place.exists():
+            folder.rename(place)
+            return
+
+
+def attempts(sweep: Path, name: str) -> list[Path]:
+    """The directories of a job's earlier attempts, in their order."""
+    found = (sweep / ATTEMPTS).glob(f"{name}.*")
+    return sorted((p for p in found if p.suffix[1:].isdigit()), key=lambda p: int(p.suffix[1:]))
+
+
+@contextmanager
+def locked(sweep: Path) -> Iterator[None]:
+    """Hold a sweep's directory for this process alone; the system lets go of it however the process ends.
+
+    Raises UserError if another process holds it.
+    """
+    with open(sweep / LOCK, "a+", encoding="utf-8") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            stream.seek(0)
+            raise UserError(
+                f"{sweep}: another sweep is at work there ({stream.read().strip() or 'just begun'}); "
+                "wait for it, or give this one another sweep.dir"
+            ) from error
+        except OSError as error:
+            raise UserError(
+                f"{sweep}: cannot be locked ({error.strerror}); set output or sweep.dir to another file system"
+            ) from error
+        stream.truncate(0)
+        stream.write(f"process {os.getpid()} on {platform.node()}")
+        stream.flush()
+        yield
+        stream.truncate(0)
+
+
+def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned]) -> None:
+    """Write the plan of a new sweep, or make sure that the one there is the same.
+
+    Raises UserError for a directory that holds another sweep or something else.
+    """
+    content = [path.name for path in sweep.iterdir() if not path.name.startswith(".")]
+    if not content:
+        plan = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(job) for job in jobs]}
+        write_text(sweep / PLAN, json.dumps(plan, indent=1) + "\n")
+        return
+    there = [(job["name"], job["fingerprint"]) for job in plan_of(sweep)["jobs"]]
+    if there != [(job.name, job.fingerprint) for job in jobs]:
+        same = len(set(there) & {(job.name, job.fingerprint) for job in jobs})
+        raise UserError(
+            f"{sweep}: holds another sweep ({len(there)} jobs, {same} of them among the {len(jobs)} of this one); "
+            "give this one another sweep.dir, or resume that one with estlab sweep --resume"
+        )
+
+
+def plan_of(sweep: Path) -> dict[str, Any]:
+    """The plan of the sweep in a directory.
+
+    Raises UserError for a directory that has none.
+    """
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        plan = json.loads((sweep / PLAN).read_text())
+        words, folder, jobs = plan["arguments"], plan["folder"], plan["jobs"]
+        if all(isinstance(word, str) for word in [*words, folder, *(job["name"] for job in jobs)]):
+            return dict(plan)
+    raise UserError(
+        f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"
+    )

@@ -1,0 +1,151 @@
+"""The tables of a sweep: a row a job and filter, a row a group of repeats, a row a failure."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from estlab import rundir
+from estlab.datasets.whole import write_whole
+from estlab.metrics.intervals import mean_interval
+from estlab.metrics.moments import Moments
+from estlab.sweeps import state
+from estlab.sweeps.state import Outcome, Planned
+
+SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
+
+Row = dict[str, str]
+
+VERDICT = "verdict"  # a metric whose component is its value, a word
+
+
+def write_all(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int) -> None:
+    """Write sweep.csv, failures.csv and, with repeats, groups.csv."""
+    rows = job_rows(planned, outcomes)
+    _write(sweep / SWEEP, rows)
+    _write(sweep / FAILURES, failure_rows(sweep, planned, outcomes), ("job", "attempt", "status", "error", "directory"))
+    if repeats > 1:
+        _write(sweep / GROUPS, group_rows(rows, planned))
+
+
+def draw_all(
+    sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, zipped: Sequence[str]
+) -> list[str]:
+    """Draw the plots from the tables; what could not be drawn."""
+    from estlab.report import sweeps
+
+    shown = sweep / (SWEEP if repeats == 1 else GROUPS)
+    keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
+    keys = [key for key in keys if key not in zipped[1:]]
+    return sweeps.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
+
+
+def swept_keys(planned: Sequence[Planned]) -> list[str]:
+    """The keys with several values, but for the filter, which has a column anyway."""
+    return [key for key in dict.fromkeys(key for job in planned for key in job.values) if key != "filter"]
+
+
+def _common(planned: Sequence[Planned]) -> str:
+    """What is typed for every job, but for what changes no figure of it."""
+    words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
+    return " ".join(
+        word for word in words if not word.startswith(("sweep.", "plots=", "output=", "expect", "++expect"))
+    )
+
+
+def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:
+    """The rows of sweep.csv, numbers as the jobs wrote them."""
+    rows = []
+    for job in planned:
+        found = outcomes[job.name]
+        values = {key: job.values.get(key, "") for key in swept_keys(planned)}
+        # What goes on elsewhere or was cut off is not done; only this machine knows which.
+        word = {"running": "left", "interrupted": "left", "damaged": "failed"}.get(found.state, found.state)
+        took = "" if found.wall_time is None or found.state != "ok" else repr(found.wall_time)
+        by_filter = dict.fromkeys(row["filter"] for row in found.rows) or {job.values.get("filter", ""): None}
+        for filter in by_filter:
+            rows.append(
+                {"job": job.name, **values, "filter": filter, "status": word, "wall_time_s": took}
+                | _metrics([row for row in found.rows if row["filter"] == filter])
+            )
+    return _squared(rows)
+
+
+def _metrics(rows: Sequence[Mapping[str, str]]) -> Row:
+    """Rows of a metrics.csv as columns: rmse.x, rmse.x.low, rmse.x.high."""
+    cells: Row = {}
+    for row in rows:
+        if row["metric"].startswith(VERDICT):
+            cells[row["metric"]] = row["component"]
+            continue
+        name = f"{row['metric']}.{row['component']}"
+        cells |= {name: row["value"], f"{name}.low": row["ci_low"], f"{name}.high": row["ci_high"]}
+    return cells
+
+
+def _squared(rows: Sequence[Row]) -> list[Row]:
+    """Every row with every column, but for columns of intervals in which no row has one."""
+    columns = dict.fromkeys(column for row in rows for column in row)
+    kept = [c for c in columns if not c.endswith((".low", ".high")) or any(row.get(c) for row in rows)]
+    return [{column: row.get(column, "") for column in kept} for row in rows]
+
+
+def group_rows(rows: Sequence[Row], planned: Sequence[Planned]) -> list[Row]:
+    """The mean of each metric over a group's repeats, with Student's 95 % interval over them."""
+    keys = [*(key for key in swept_keys(planned) if key != "seed"), "filter"]
+    fixed = {"job", "seed", "status", "wall_time_s", *keys}
+    columns = [c for c in (rows[0] if rows else {}) if c not in fixed and not c.endswith((".low", ".high"))]
+    columns = [column for column in columns if not column.startswith(VERDICT)]
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    found = []
+    for values, members in groups.items():
+        ok = [row for row in members if row["status"] == "ok"]
+        if not ok and any(other[:-1] == values[:-1] and other != values for other in groups):
+            continue  # jobs that failed before they had a filter's name, beside others of their group
+        cells = dict(zip(keys, values, strict=True)) | {"repeats": str(len(ok))}
+        for column in columns:
+            mean = mean_interval(Moments.of(np.array([[float(row[column] or "nan") for row in ok]])))
+            numbers = {column: mean.value, f"{column}.low": mean.low, f"{column}.high": mean.high}
+            cells |= {name: "" if np.isnan(number) else repr(float(number)) for name, number in numbers.items()}
+        found.append(cells)
+    return _squared(found)
+
+
+def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:
+    """A row for each attempt that failed, those that a later one made good included."""
+    rows = []
+    for job in planned:
+        earlier = state.attempts(sweep, job.name)
+        tries = [(state.outcome(folder, job.fingerprint), folder) for folder in earlier]
+        for number, (found, folder) in enumerate([*tries, (outcomes[job.name], sweep / job.name)], 1):
+            if found.state in ("failed", "damaged") or (found.state != "ok" and folder in earlier):
+                error = found.error or "ended before it had a result"
+                place = str(folder.relative_to(sweep))
+                rows.append(
+                    {"job": job.name, "attempt": str(number), "status": found.state, "error": error, "directory": place}
+                )
+    return rows
+
+
+def units(outcomes: Mapping[str, Outcome]) -> dict[str, str]:
+    """The unit of each metric's column."""
+    return {f"{r['metric']}.{r['component']}": r["unit"] or "" for found in outcomes.values() for r in found.rows}
+
+
+def _write(path: Path, rows: Sequence[Row], columns: Sequence[str] = ()) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]) if rows else list(columns), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, lambda stream: stream.write(text.getvalue().encode()))
+
+
+def _save(plots: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
+    plots.mkdir(exist_ok=True)
+    return write_whole(plots / name, write)

@@ -1,0 +1,108 @@
+"""What a person sees of a sweep before and after its jobs."""
+
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from estlab.report.console import console
+from estlab.sweeps import state, table
+from estlab.sweeps.state import Outcome, Planned
+
+_LINES = 40  # rows of a table that are shown
+_FAILURES = 20
+
+_WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
+
+
+def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
+    """A line a job: its directory, what is typed for it, and whether it is done."""
+    out = console()
+    width = max(len(job.name) for job in planned)
+    for job in planned:
+        words = [word for word in job.overrides if word != "expect=null" and not word.startswith("sweep.")]
+        done = "  (ok)" if outcomes[job.name].state == "ok" else ""
+        out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
+    left = sum(outcome.state != "ok" for outcome in outcomes.values())
+    out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}, {left} to run")
+
+
+def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
+    """What a sweep that was there already has, and which jobs of it are not as they should be."""
+    states = Counter(outcome.state for outcome in before.values())
+    if states["left"] == len(planned):
+        return
+    rest = "the others run" if states["ok"] < len(planned) else "nothing is left to run"
+    print(f"estlab: {sweep}: {states['ok']} of {len(planned)} jobs are ok, {rest}", file=sys.stderr)
+    for name, outcome in before.items():
+        if outcome.state == "damaged":
+            kept = f"what there is of it is kept in {state.ATTEMPTS}/"
+            print(f"estlab: job {name}: {outcome.error}; it runs again, {kept}", file=sys.stderr)
+
+
+def summary(
+    sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, notes: Sequence[str]
+) -> None:
+    """A line a job and filter, or a line a group of repeats; every failure, how many of each, and where it all is."""
+    out = console()
+    rows = jobs = table.job_rows(planned, outcomes)
+    keys = [*table.swept_keys(planned), "filter"]
+    columns = ["job", *keys, "status"]
+    if repeats > 1:
+        rows = table.group_rows(jobs, planned)
+        columns = [*(key for key in keys if key != "seed"), "repeats"]
+    out.print(_table(rows[:_LINES], columns, table.units(outcomes)))
+    if len(rows) > _LINES:
+        out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
+    _print_failures(sweep, [(job.name, outcomes[job.name]) for job in planned])
+    for note in notes:
+        out.print(Text(f"note: {note}"), soft_wrap=True)
+    counts = Counter({row["job"]: row["status"] for row in jobs}.values())
+    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "failed", "left") if counts[word]))
+    out.print(Text(str(sweep)), soft_wrap=True)
+
+
+def _print_failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+    out = console()
+    failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
+    for name, found in failed[:_FAILURES]:
+        out.print(Text(f"failed: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
+    if len(failed) > _FAILURES:
+        out.print(f"and {len(failed) - _FAILURES} failures more in {table.FAILURES}")
+
+
+def _table(rows: Sequence[table.Row], columns: Sequence[str], units: Mapping[str, str]) -> Table:
+    shown = Table(box=None, pad_edge=False)
+    metrics = _metrics(rows)
+    for i, column in enumerate([*columns, *metrics]):
+        shown.add_column(Text(_heading(column, units)), justify="left" if i == 0 else "right")
+    for row in rows:
+        told = [row[column].partition("_")[0] if column == "job" else row[column] for column in columns]
+        numbers = [_number(row[name]) for name in metrics]
+        shown.add_row(*(Text(cell) for cell in [*told, *numbers]))
+    return shown
+
+
+def _heading(column: str, units: Mapping[str, str]) -> str:
+    if column in _WORDS:
+        return _WORDS[column]
+    unit = f" [{units[column]}]" if units.get(column) else ""
+    return column.replace("rmse.", "RMSE ") + unit
+
+
+def _metrics(rows: Sequence[table.Row]) -> list[str]:
+    """The few metrics that a terminal has room for: the position's RMSE, or each component's, and consistency."""
+    columns = list(rows[0]) if rows else []
+    errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]
+    errors = [c for c in errors if c == "rmse.position"] or errors[:4]
+    return [*errors, *(column for column in [*_WORDS, table.VERDICT] if column in columns)]
+
+
+def _number(cell: str) -> str:
+    try:
+        return f"{float(cell):.3g}"
+    except ValueError:
+        return cell

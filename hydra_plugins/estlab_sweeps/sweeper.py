@@ -1,0 +1,24 @@
+"""The sweeper of estlab, where Hydra looks for one: it takes plugins from this package alone."""
+
+from typing import Any
+
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class EstlabSweeper(Sweeper):
+    """Every combination of the values given, or those that sweep.zip pairs, each repeated sweep.repeats times."""
+
+    def __init__(self, params: dict[str, Any]) -> None:
+        """params: keys with values to sweep, as an experiment names them; the command line goes before."""
+        self.params = params
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        self.given = hydra_context, config
+
+    def sweep(self, arguments: list[str]) -> Any:
+        from estlab.sweeps.sweep import Sweep
+
+        words = [f"{key}={value}" for key, value in (self.params or {}).items()]
+        raise SystemExit(Sweep(*self.given).run([*words, *arguments]))
