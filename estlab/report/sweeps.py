@@ -146,7 +146,8 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
-    axes.set_ylabel(_shown(column) + (f" [{units[column]}]" if units.get(column) else ""))
+    label = _shown(column) + (f" [{units[column]}]" if units.get(column) else "")
+    axes.set_ylabel(textwrap.fill(label, 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)
@@ -204,7 +205,7 @@ def _metrics(table: "DataFrame", keys: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _repeats(table: "DataFrame", columns: Sequence[str], metric: str, found: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a metric after convergence is that of the whole time, because no time for that was set."""
+    """Whether the figure of the converged runs is that of all, because none diverged."""
     whole = metric.removesuffix("_converged")
     return (
         whole != metric
