@@ -57,7 +57,10 @@ class Tally:
 
     @quietly
     def add(self, record: Record, estimates: Estimates, numbers: Sequence[int]) -> dict[str, Array]:
-        """Take in a block of runs with these numbers; what each run's squared errors are, for comparisons."""
+        """Take in a block of runs with these numbers; what each run's squared errors are, for comparisons.
+
+        Those of a run that broke are infinite: of the steps before, it would look better than one that went on.
+        """
         scores = score(self.space, self.limits, record, estimates)
         if self.runs == 0:
             self.first_whitened = scores.whitened[:, :, 0]
@@ -80,7 +83,8 @@ class Tally:
             histogram.add(values if name == "anees" else np.sqrt(values))
         self._add_vectors(bias=_mean(scores.error / scores.sigma, scores.scored, 1))
         self._add_vectors(correlation=correlations(scores.whitened, LAGS))
-        return squares
+        broken = scores.not_finite | scores.not_definite
+        return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
 
     def _squares(self, scores: Scores) -> dict[str, Array]:
         """Each run's mean square errors and ANEES, (..., runs)."""
