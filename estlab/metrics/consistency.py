@@ -72,22 +72,26 @@ def _nees(tally: Tally) -> Test:
 
 
 def _nis(tally: Tally) -> Test:
-    """NIS over the numbers measured is one on average; over all innovations of few runs, a chi-square."""
-    moments = tally.moments["anis"]
+    """NIS over its law's mean is one on average; over all innovations of few runs, a chi-square.
+
+    The mean is the numbers measured, or less with a gate. What a gate takes off the variance is not allowed for: with
+    few runs the test is then somewhat too lenient.
+    """
+    moments, of = tally.moments["nis"], "expected" if tally.gated else "m"
     found = positive_interval(moments)
     if found.n == 0:
-        return _unanswered(NIS, "m", found, 1.0, _NO_INNOVATIONS)
+        return _unanswered(NIS, of, found, 1.0, _NO_INNOVATIONS)
     if not _too_few(tally, found.n):
-        return Test(NIS, "m", found, 1.0, positive_test(moments, 1.0))
+        return Test(NIS, of, found, 1.0, positive_test(moments, 1.0))
     # Of all innovations, not the mean of the runs' means: a run with few of them says little.
-    total, freedom = float(tally.sums["nis"].sum()), float(tally.sums["measured"].sum())
-    value, runs = total / freedom, found.n
+    freedom, runs = float(tally.sums["measured"].sum()), found.n
+    value = float(tally.sums["nis"].sum() / tally.sums["nis_mean"].sum())
     if tally.repeated:
         freedom, runs = freedom / found.n, 1
     lower, upper = chi_square_band(np.array(freedom))
     # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
     interval = Estimate(value, value / float(upper), value / float(lower), runs)
-    return Test(NIS, "m", interval, 1.0, chi_square_test(value * freedom, freedom))
+    return Test(NIS, of, interval, 1.0, chi_square_test(value * freedom, freedom))
 
 
 def _bias(tally: Tally) -> Test:
@@ -156,11 +160,15 @@ def ljung_box(whitened: Array, lags: int) -> tuple[Array, float]:
 
 
 def _furthest(moments: Moments) -> tuple[int, Estimate]:
-    """The component whose mean is furthest from zero in its own standard errors, and its mean's interval among all."""
+    """The component whose mean is furthest from zero, and its mean's interval among all.
+
+    Of those whose interval leaves out zero; where none does, the furthest in its own standard errors.
+    """
     count = moments.mean.shape[0]
     each = [mean_interval(moments.component(i), among=count) for i in range(count)]
-    away = [abs(found.value) / max(found.high - found.low, 1e-300) for found in each]
-    worst = int(np.argmax(np.nan_to_num(away)))
+    away = np.nan_to_num([2.0 * abs(found.value) / max(found.high - found.low, 1e-300) for found in each])
+    size = np.abs(moments.mean)
+    worst = int(np.argmax(np.where(away > 1.0, size, 0.0) if (away > 1.0).any() else away))
     return worst, each[worst]
 
 
@@ -184,14 +192,13 @@ def sample_too_small(tally: Tally) -> str:
 
 
 def explained_by_bias(tally: Tally) -> float:
-    """By how much the mean error makes NEES over n too large: b'C^-1 b / n.
+    """By how much the mean error makes NEES over n too large: the square of the mean of L^-1 e over n, P = L L'.
 
-    b is the mean of error over sigma, C the correlation of the errors, taken from that of the runs' means.
+    Less what chance adds to the square of a mean over runs.
     """
-    moments = tally.moments["bias"]
-    sigma = np.sqrt(np.diag(moments.scatter))
-    correlation = moments.scatter / np.outer(sigma, sigma)
-    return float(moments.mean @ np.linalg.lstsq(correlation, moments.mean, rcond=None)[0]) / moments.mean.size
+    moments = tally.moments["scaled"]
+    square = moments.mean @ moments.mean - np.trace(moments.cov) / moments.count
+    return float(square) / moments.mean.size
 
 
 def _unanswered(name: str, of: str, found: Estimate, expected: float, why: str) -> Test:

@@ -35,10 +35,11 @@ class Tally:
     Only what is finite is scored: a gap in the truth or a run that broke takes no part in a mean, and every figure has
     beside it how much it is made of. repeated: whether all runs share one truth and one set of readings.
 
-    sampled: whether covariances are a sample's. sums: over runs, at each time. moments: over runs, of what each run
-    answers; ``converged`` in the name, of those that neither broke nor were lost. histograms: of the same squares.
-    diverged, diverged_first: how many did, and which were the first, by cause. first_whitened: innovations (m, N) of
-    the first run. first_runs: errors (n, T, K) and NEES (T, K) of the first runs, for what cannot be added up.
+    sampled: whether covariances are a sample's. gated: whether readings that fit badly are refused. sums: over runs,
+    at each time. moments: over runs, of what each run answers; ``converged`` in the name, of those that neither broke
+    nor were lost. histograms: of the same squares. diverged, diverged_first: how many did, and which were the first,
+    by cause. first_whitened: innovations (m, N) of the first run. first_runs: errors (n, T, K) and NEES (T, K) of the
+    first runs, for what cannot be added up.
     """
 
     space: Space
@@ -47,6 +48,7 @@ class Tally:
     repeated: bool = False
     runs: int = 0
     sampled: bool = False
+    gated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
     moments: dict[str, Moments] = field(default_factory=dict)
     histograms: dict[str, Histogram] = field(default_factory=dict)
@@ -65,7 +67,7 @@ class Tally:
         if self.runs == 0:
             self.first_whitened = scores.whitened[:, :, 0]
         self.runs += len(numbers)
-        self.sampled = estimates.sample is not None
+        self.sampled, self.gated = estimates.sample is not None, estimates.gate is not None
         self._add_sums(scores, estimates)
         self._count_diverged(scores, numbers)
         self._keep_first(scores)
@@ -82,6 +84,7 @@ class Tally:
             histogram = self.histograms.setdefault(name, Histogram(values.shape[:-1]))
             histogram.add(values if name == "anees" else np.sqrt(values))
         self._add_vectors(bias=_mean(scores.error / scores.sigma, scores.scored, 1))
+        self._add_vectors(scaled=_mean(scores.scaled, np.isfinite(scores.scaled), 1))
         self._add_vectors(correlation=correlations(scores.whitened, LAGS))
         broken = scores.not_finite | scores.not_definite
         return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
@@ -117,12 +120,13 @@ class Tally:
         return found
 
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
-        """Each run's NEES over what it should be, NIS over what was measured, and effective sample size."""
+        """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         found = {
             "nees": _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0)),
             "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
             "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
+            "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
         }
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.
@@ -147,6 +151,7 @@ class Tally:
             "law_mean": _total(scores.nees_mean, lawful, -1),
             "law_variance": _total(scores.nees_variance, lawful, -1),
             "nis": scores.nis.sum(axis=-1),
+            "nis_mean": scores.nis_mean.sum(axis=-1),
             "measured": scores.measured.sum(axis=-1),
             "nis_runs": (scores.measured > 0).sum(axis=-1),
         }

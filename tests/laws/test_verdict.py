@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from benchmarks.calibration import STATE, Fault, ensembles, filtered, records
+from benchmarks.calibration import MOTION, SENSOR, STATE, Fault, ensembles, filtered, records
+from estlab.filters.gaussian import extended
+from estlab.filters.loop import Loop
+from estlab.maths.streams import Draws
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, consistency_tests
+from estlab.metrics.laws import nis_mean
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import BIASED, CONSISTENT, CORRELATED, OVERCONFIDENT, UNDECIDED, Tolerance, judge
 from estlab.record import Estimates, Record
@@ -101,6 +106,24 @@ def test_a_bias_is_what_is_wrong_only_where_it_explains_most_of_the_nees():
     (both,) = ensembles(Fault(bias=0.4, process=4.0), 1, 100, 60)
     assert answers(both)[BIAS].rejected
     assert verdict(both).word == OVERCONFIDENT
+
+
+def test_a_gate_does_not_make_a_right_filter_conservative():
+    record = records(Fault(), 200, 100, 1)
+    found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Draws([]))
+    test = answers(told(record, found))[NIS]
+    assert test.of == "expected"
+    assert abs(test.found.value - 1.0) < 0.04
+    assert "conservative" not in verdict(told(record, found)).sentence
+
+
+def test_the_mean_nis_behind_a_gate_is_that_of_a_truncated_chi_square():
+    for m in (1, 2, 5):
+        law = stats.chi2(m)
+        expected = law.expect(lambda x: x, ub=law.ppf(0.9), conditional=True)
+        assert nis_mean(np.array(m), 0.9) == pytest.approx(expected, rel=1e-6)
+    assert nis_mean(np.array([0, 3]), None).tolist() == [0.0, 3.0]
+    assert nis_mean(np.array([0]), 0.9).tolist() == [0.0]
 
 
 def test_a_slight_fault_is_not_said_to_be_none():
