@@ -101,6 +101,7 @@ class Estimates:
     whitened, NaN where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
+    gate: the share of right readings that were let through, None for all.
     """
 
     mean: Array
@@ -108,9 +109,10 @@ class Estimates:
     whitened: Array
     sample: Array | None
     notes: dict[str, Array]
+    gate: float | None = None
 
     def first(self) -> "Estimates":
         """Those of the first run alone."""
         notes = {name: values[:, :1] for name, values in self.notes.items()}
         sample = None if self.sample is None else self.sample[..., :1]
-        return Estimates(self.mean[..., :1], self.cov[..., :1], self.whitened[..., :1], sample, notes)
+        return Estimates(self.mean[..., :1], self.cov[..., :1], self.whitened[..., :1], sample, notes, self.gate)

@@ -91,7 +91,7 @@ class Loop:
                 for name, values in self.filter.notes(belief).items():
                     notes.setdefault(name, np.zeros((steps, runs)))[k] = values
                 tick()
-        return Estimates(mean, cov, whitened, sample, notes)
+        return Estimates(mean, cov, whitened, sample, notes, getattr(self.filter, "gate", None))
 
     def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
         if lapse <= 0.0:

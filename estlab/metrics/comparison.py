@@ -19,13 +19,15 @@ LEVEL = 0.05
 class Comparison:
     """Moments over runs of the mean square errors of two filters together, for every pair and component.
 
-    Paired, since all filters meet the same truth and readings: what makes a run hard for both cancels.
+    Paired, since all filters meet the same truth and readings: what makes a run hard for both cancels. A run in which
+    one broke (infinite) is in no mean and lost by that one. wins, met: of the first, out of so many runs.
     """
 
     space: Space
     repeated: bool = False
     moments: dict[tuple[str, str], Moments] = field(default_factory=dict)
     wins: dict[tuple[str, str], Array] = field(default_factory=dict)
+    met: dict[tuple[str, str], Array] = field(default_factory=dict)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -42,9 +44,11 @@ class Comparison:
         }
         for a, b in combinations(sorted(stacked), 2):
             both = np.stack([stacked[a], stacked[b]])
-            known = np.isfinite(both).all(axis=0)
+            known = ~np.isnan(both).any(axis=0)
             # Half a win each where there is nothing between them.
-            self.wins[a, b] = np.where(known, 0.5 * ((both[0] < both[1]) + (both[0] <= both[1])), 0.0).sum(axis=-1)
+            better, equal = known & (both[0] < both[1]), known & (both[0] == both[1])
+            self.wins[a, b] = better.sum(axis=-1) + 0.5 * equal.sum(axis=-1)
+            self.met[a, b] = known.sum(axis=-1)
             self.moments[a, b] = Moments.of(both)
 
     def plus(self, other: "Comparison") -> "Comparison":
@@ -53,6 +57,7 @@ class Comparison:
             self,
             moments={pair: moments.plus(other.moments[pair]) for pair, moments in self.moments.items()},
             wins={pair: wins + other.wins[pair] for pair, wins in self.wins.items()},
+            met={pair: met + other.met[pair] for pair, met in self.met.items()},
         )
 
     @quietly
@@ -70,7 +75,9 @@ class Comparison:
                 moments = self.moments[a, b].at(i)
                 n = int(moments.count)
                 roots = np.sqrt(moments.mean) if n else np.full(2, np.nan)
-                wins = share_interval(float(self.wins[a, b][i]) / n if n else np.nan, 0 if self.repeated else n)
+                met = int(self.met[a, b][i])
+                share = float(self.wins[a, b][i]) / met if met else np.nan
+                wins = share_interval(share, 0 if self.repeated else met)
                 rows.append(
                     {
                         "filter": a,
@@ -84,7 +91,7 @@ class Comparison:
                         "ci_high": difference.high,
                         "p": p,
                         "p_holm": float(fair),
-                        "wins": float(self.wins[a, b][i]) / n if n else np.nan,
+                        "wins": share,
                         "wins_low": wins.low,
                         "wins_high": wins.high,
                         "n": n,
@@ -111,12 +118,17 @@ class Comparison:
 
 
 def against_best(rows: Sequence[Mapping[str, Any]], component: str) -> list[dict[str, Any]]:
-    """Each filter against the one with the smallest RMSE in a component, best first; the best has no difference."""
+    """Each filter against the one with the smallest RMSE in a component, best first; the best has no difference.
+
+    One that broke in some runs is behind those that went on: what is left to it may be the easy ones.
+    """
     chosen = [dict(row) for row in rows if row["component"] == component]
     rmse: dict[str, float] = {}
-    for row in chosen:
+    runs: dict[str, int] = {}
+    for row in sorted(chosen, key=lambda row: int(row["n"])):  # what is kept is of the most runs
         rmse |= {row["filter"]: row["rmse"], row["against"]: row["rmse_against"]}
-    order = sorted(rmse, key=lambda name: (np.isnan(rmse[name]), rmse[name]))
+        runs |= {row["filter"]: row["n"], row["against"]: row["n"]}
+    order = sorted(rmse, key=lambda name: (np.isnan(rmse[name]), -runs[name], rmse[name]))
     found: list[dict[str, Any]] = [{"filter": order[0], "rmse": rmse[order[0]], "unit": chosen[0]["unit"]}]
     for name in order[1:]:
         row = next(row for row in chosen if {row["filter"], row["against"]} == {name, order[0]})

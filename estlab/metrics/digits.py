@@ -4,14 +4,22 @@ import math
 
 from estlab.metrics.intervals import Estimate
 
+_MOST = 7  # digits of any figure
+
 
 def decimals(value: float, low: float, high: float) -> int:
-    """Decimals that show the interval's half width to two digits; without one, the value to three."""
+    """Decimals that show the interval's half width to two digits, the value to no more than seven; without one three.
+
+    What hardly varies over the runs, as a covariance that hangs on no reading, has an interval of rounding errors.
+    """
     half = 0.5 * (high - low)
     scale, digits = (half, 2) if half > 0.0 and math.isfinite(half) else (abs(value), 3)
     if not (scale > 0.0 and math.isfinite(scale)):
         return 0
-    return min(digits - 1 - math.floor(math.log10(scale)), 300)
+    places = digits - 1 - math.floor(math.log10(scale))
+    if value and math.isfinite(value):
+        places = min(places, _MOST - 1 - math.floor(math.log10(max(abs(value), scale))))
+    return min(places, 300)
 
 
 def number(value: float, places: int) -> str:

@@ -19,10 +19,14 @@ class Estimate(NamedTuple):
     n: int
 
 
-def mean_interval(moments: Moments) -> Estimate:
-    """Student's t interval for a mean over runs."""
+def mean_interval(moments: Moments, among: int = 1) -> Estimate:
+    """Student's t interval for a mean over runs.
+
+    among: of how many means this is one, for an interval such that all of them hold with 95 % (Bonferroni): what is
+    shown for being the furthest of several is chosen by chance too.
+    """
     mean, error, n = _parts(moments)
-    half = _t_quantile(n) * error
+    half = _t_quantile(n, among) * error
     return Estimate(mean, mean - half, mean + half, n)
 
 
@@ -90,11 +94,16 @@ def time_share_interval(moments: Moments) -> Estimate:
     """Wilson's interval for a share of time, as a mean over runs whose own shares are of many steps.
 
     The steps of a run are not independent, so it is taken as the share of as many independent trials as have the
-    variance that the runs show. Korn and Graubard 1998, section 2. Where all runs agree there is one trial a run.
+    variance that the runs show, fewer by (normal / Student's quantile)^2 since that variance is itself an estimate.
+    Korn and Graubard 1998, section 2. Where all runs agree there is one trial a run.
     """
+    from scipy.special import ndtri
+
     mean, error, n = _parts(moments)
     share = min(max(mean, 0.0), 1.0)  # a sum of shares of time may be one and a last bit
-    trials = share * (1.0 - share) / error**2 if n > 1 and error > 1e-12 else n
+    trials = float(n)
+    if n > 1 and error > 1e-12:
+        trials = share * (1.0 - share) / error**2 * (float(ndtri(0.5 + LEVEL / 2.0)) / _t_quantile(n)) ** 2
     found = share_interval(share, trials if n > 1 else 0)
     return Estimate(share if n else np.nan, found.low, found.high, n)
 
@@ -140,10 +149,10 @@ def _parts(moments: Moments) -> tuple[float, float, int]:
     return mean, float(np.sqrt(moments.cov[0, 0] / max(n, 1))), n
 
 
-def _t_quantile(n: int) -> float:
+def _t_quantile(n: int, among: int = 1) -> float:
     from scipy.special import stdtrit
 
-    return float(stdtrit(n - 1, 0.5 + LEVEL / 2.0)) if n > 1 else np.nan
+    return float(stdtrit(n - 1, 1.0 - (1.0 - LEVEL) / (2.0 * among))) if n > 1 else np.nan
 
 
 def _t_tail(t: float, n: int) -> float:

@@ -44,6 +44,19 @@ def nees_law(nees: Array, n: int, sample: Array | None) -> Law:
     return Law(unit * free / (free - 2.0), unit**2 * variance, fdtr(n, free, nees / unit))
 
 
+def nis_mean(m: Array, gate: float | None) -> Array:
+    """The mean NIS of m numbers measured: m, or less where a gate lets only this share of right readings through.
+
+    A chi-square below its quantile q of the gate's share has mean m F(q; m + 2) / F(q; m), with F its distribution.
+    """
+    from scipy.special import gammainc, gammaincinv
+
+    if gate is None:
+        return np.asarray(m, dtype=float)
+    half = 0.5 * np.maximum(m, 1)
+    return np.where(m > 0, m * gammainc(half + 1.0, gammaincinv(half, gate)) / gate, 0.0)
+
+
 def within(sigmas: int) -> float:
     """The probability that a Gaussian number lies within so many standard deviations."""
     from scipy.special import erf

@@ -6,7 +6,7 @@ import numpy as np
 
 from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array, Space
-from estlab.metrics.laws import SIGMAS, nees_law, within
+from estlab.metrics.laws import SIGMAS, nees_law, nis_mean, within
 from estlab.record import Estimates, Record
 
 LAGS = 5  # of the innovations' correlation
@@ -28,18 +28,21 @@ class Limits:
 class Scores:
     """Of a filter over a block; only what is finite is scored.
 
-    error, sigma: (n, T, runs). nees, with its law's mean, variance and below: (T, runs). nis, measured: (T, runs),
-    summed over the step's readings, and how many numbers those were. distance: (T, runs) of the position, None where
-    there is none. whitened: (m, N, runs). not_finite, not_definite, lost: (runs,), no run in more than one.
+    error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance. nees, with its
+    law's mean, variance and below: (T, runs). nis, nis_mean, measured: (T, runs), summed over the step's readings,
+    its law's mean, and how many numbers those were. distance: (T, runs) of the position, None where there is none.
+    whitened: (m, N, runs). not_finite, not_definite, lost: (runs,), no run in more than one.
     """
 
     error: Array
     sigma: Array
+    scaled: Array
     nees: Array
     nees_mean: Array
     nees_variance: Array
     nees_below: Array
     nis: Array
+    nis_mean: Array
     measured: Array
     distance: Array | None
     whitened: Array
@@ -75,7 +78,7 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
     scaled = solve_lower(factor, error[:, None])[:, 0]
     nees = np.einsum("i...,i...->...", scaled, scaled)
     law = nees_law(nees, space.size, estimates.sample)
-    nis, measured = _per_step(record, estimates.whitened)
+    nis, expected, measured = _per_step(record, estimates)
     distance = None
     if space.position:
         at = list(space.position)
@@ -88,11 +91,13 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
     return Scores(
         error=error,
         sigma=sigma,
+        scaled=scaled,
         nees=nees,
         nees_mean=np.broadcast_to(law.mean, nees.shape),
         nees_variance=np.broadcast_to(law.variance, nees.shape),
         nees_below=law.below,
         nis=nis,
+        nis_mean=expected,
         measured=measured,
         distance=distance,
         whitened=estimates.whitened,
@@ -136,16 +141,19 @@ def shares_inside(scores: Scores) -> tuple[Array, Array]:
     return inside, np.broadcast_to(counted, inside.shape)
 
 
-def _per_step(record: Record, whitened: Array) -> tuple[Array, Array]:
-    """NIS and numbers measured, (T, runs), from whitened innovations (m, N, runs) in the order of their steps."""
+def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array]:
+    """NIS, its law's mean and numbers measured, (T, runs), from whitened innovations in the order of their steps."""
+    whitened = estimates.whitened
     steps, runs = record.time.size, whitened.shape[2]
-    nis, measured = np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
+    nis, expected, measured = np.zeros((steps, runs)), np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
     if whitened.size:
         taken, first = np.unique(record.readings.step, return_index=True)
         known = np.isfinite(whitened)
         nis[taken] = np.add.reduceat((np.where(known, whitened, 0.0) ** 2).sum(axis=0), first, axis=0)
-        measured[taken] = np.add.reduceat(known.sum(axis=0), first, axis=0)
-    return nis, measured
+        count = known.sum(axis=0)
+        expected[taken] = np.add.reduceat(nis_mean(count, estimates.gate), first, axis=0)
+        measured[taken] = np.add.reduceat(count, first, axis=0)
+    return nis, expected, measured
 
 
 def _broken(finite: Array, definite: Array) -> tuple[Array, Array]:

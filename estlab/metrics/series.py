@@ -68,15 +68,19 @@ def nees(tally: Tally) -> Columns:
 
 @quietly
 def nis(tally: Tally) -> Columns:
-    """NIS over the numbers measured, at each time with a reading; 1 for a consistent filter; with its 95 % band."""
+    """NIS over the numbers measured, at each time with a reading; 1 for a consistent filter; with its 95 % band.
+
+    With a gate it is less than 1, and the band lies about that.
+    """
     measured = tally.sums["measured"] > 0
     size, runs = tally.sums["measured"][measured], tally.sums["nis_runs"][measured]
     lower, upper = chi_square_band(size * _independent(tally, runs) / np.maximum(runs, 1))
+    expected = tally.sums["nis_mean"][measured] / size
     return {
         "time": tally.time[measured],
         "anis": tally.sums["nis"][measured] / size,
-        "lower": lower,
-        "upper": upper,
+        "lower": expected * lower,
+        "upper": expected * upper,
         "degrees_of_freedom": size,
         "runs_scored": runs,
     }

@@ -14,7 +14,7 @@ _PAIR = "|"  # between the names of two filters; no name has one
 
 def tally_arrays(tally: Tally) -> Iterator[tuple[str, Array]]:
     """What was added up, by name."""
-    yield "runs", np.array([tally.runs, tally.sampled])
+    yield "runs", np.array([tally.runs, tally.sampled, tally.gated])
     yield "first_whitened", tally.first_whitened
     yield "first_error", tally.first[0]
     yield "first_nees", tally.first[1]
@@ -30,7 +30,8 @@ def tally_arrays(tally: Tally) -> Iterator[tuple[str, Array]]:
 
 def tally_of(empty: Tally, arrays: Mapping[str, Array]) -> Tally:
     """An empty tally filled with these arrays. Raises KeyError for one that is missing."""
-    empty.runs, empty.sampled = int(arrays["runs"][0]), bool(arrays["runs"][1])
+    runs, sampled, gated = arrays["runs"]
+    empty.runs, empty.sampled, empty.gated = int(runs), bool(sampled), bool(gated)
     empty.first_whitened = arrays["first_whitened"]
     empty.first = arrays["first_error"], arrays["first_nees"]
     for cause in CAUSES:
@@ -49,6 +50,7 @@ def comparison_arrays(comparison: Comparison) -> Iterator[tuple[str, Array]]:
     for (a, b), moments in comparison.moments.items():
         yield from _moments_arrays(f"moments/{a}{_PAIR}{b}", moments)
         yield f"wins/{a}{_PAIR}{b}", comparison.wins[a, b]
+        yield f"met/{a}{_PAIR}{b}", comparison.met[a, b]
 
 
 def comparison_of(empty: Comparison, arrays: Mapping[str, Array]) -> Comparison:
@@ -56,7 +58,7 @@ def comparison_of(empty: Comparison, arrays: Mapping[str, Array]) -> Comparison:
     for pair, moments in _moments_of(below(arrays, "moments")).items():
         a, b = pair.split(_PAIR)
         empty.moments[a, b] = moments
-        empty.wins[a, b] = arrays[f"wins/{pair}"]
+        empty.wins[a, b], empty.met[a, b] = arrays[f"wins/{pair}"], arrays[f"met/{pair}"]
     return empty
 
 

@@ -33,10 +33,11 @@ class Tally:
     beside it how much it is made of. repeated: whether all runs share one truth and one set of readings. begin: the
     number of the ensemble's first run.
 
-    sampled: whether covariances are a sample's. sums: over runs, at each time. moments: over runs, of what each run
-    answers; ``converged`` in the name, of those that neither broke nor were lost. histograms: of the same squares.
-    diverged, diverged_first: how many did, and which were the first, by cause. first_whitened: innovations (m, N) of
-    the first run. first: errors (n, T, K) and NEES (T, K) of the first runs, for what cannot be added up.
+    sampled: whether covariances are a sample's. gated: whether readings that fit badly are refused. sums: over runs,
+    at each time. moments: over runs, of what each run answers; ``converged`` in the name, of those that neither broke
+    nor were lost. histograms: of the same squares. diverged, diverged_first: how many did, and which were the first,
+    by cause. first_whitened: innovations (m, N) of the first run. first: errors (n, T, K) and NEES (T, K) of the
+    first runs, for what cannot be added up.
     """
 
     space: Space
@@ -46,6 +47,7 @@ class Tally:
     begin: int = 0
     runs: int = 0
     sampled: bool = False
+    gated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
     moments: dict[str, Moments] = field(default_factory=dict)
     histograms: dict[str, Histogram] = field(default_factory=dict)
@@ -56,10 +58,13 @@ class Tally:
 
     @quietly
     def add(self, record: Record, estimates: Estimates, numbers: Sequence[int]) -> dict[str, Array]:
-        """Take in a block of runs with these numbers, once; each run's squared errors, for comparisons."""
+        """Take in a block of runs with these numbers, once; what each run's squared errors are, for comparisons.
+
+        Those of a run that broke are infinite: of the steps before, it would look better than one that went on.
+        """
         scores = score(self.space, self.limits, record, estimates)
         self.runs, self.first_whitened = len(numbers), scores.whitened[:, :, 0]
-        self.sampled = estimates.sample is not None
+        self.sampled, self.gated = estimates.sample is not None, estimates.gate is not None
         self._sum(scores, estimates)
         self._count_diverged(scores, numbers)
         self._keep_first(scores, numbers)
@@ -76,8 +81,10 @@ class Tally:
             self.histograms[name] = Histogram(values.shape[:-1])
             self.histograms[name].add(values if name == "anees" else np.sqrt(values))
         self.moments["bias"] = Moments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
+        self.moments["scaled"] = Moments.of(_mean(scores.scaled, np.isfinite(scores.scaled), 1))
         self.moments["correlation"] = Moments.of(correlations(scores.whitened, LAGS))
-        return squares
+        broken = scores.not_finite | scores.not_definite
+        return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
 
     def plus(self, other: "Tally") -> "Tally":
         """Of the runs of both, those of the other coming after."""
@@ -125,12 +132,13 @@ class Tally:
         return found
 
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
-        """Each run's NEES over what it should be, NIS over what was measured, and effective sample size."""
+        """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         found = {
             "nees": _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0)),
             "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
             "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
+            "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
         }
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.
@@ -155,6 +163,7 @@ class Tally:
             "law_mean": _total(scores.nees_mean, lawful, -1),
             "law_variance": _total(scores.nees_variance, lawful, -1),
             "nis": scores.nis.sum(axis=-1),
+            "nis_mean": scores.nis_mean.sum(axis=-1),
             "measured": scores.measured.sum(axis=-1),
             "nis_runs": (scores.measured > 0).sum(axis=-1),
         }

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test
+from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test, explained_by_bias, sample_too_small
 from estlab.metrics.digits import bracketed
 from estlab.metrics.intervals import positive_interval
 from estlab.metrics.tally import CAUSES, Tally
@@ -54,11 +54,12 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
     answered = [test.adjusted for test in tests if np.isfinite(test.adjusted)]
     p = min(answered, default=np.nan)
     if diverged and diverged >= tolerance.lost * tally.runs:
-        return Verdict(LOST, _lost(tally, diverged), sampled_key or PROCESS, p)
+        key = sampled_key or PROCESS
+        return Verdict(LOST, f"{_lost(tally, diverged)}; raise {key}", key, p)
     figures = [_figure(by[name]) for name in (NEES, NIS, BIAS, WHITENESS) if name in faults]
-    word = _word(by, faults)
+    word = _word(by, faults, explained_by_bias(tally) if BIAS in faults else 0.0)
     if word == CONSISTENT:
-        if tally.sampled and by[NEES].why and tally.moments["anees"].count:
+        if by[NEES].why and by[NEES].why == sample_too_small(tally):
             figure = _figure(by[NEES]._replace(found=positive_interval(tally.moments["anees"]), of="n"))
             advice = f"; raise {sampled_key}" if sampled_key else ""
             return Verdict(UNDECIDED, f"undecided: {by[NEES].why}, {figure}{advice}", sampled_key, p)
@@ -69,10 +70,10 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
     return Verdict(word, f"{_said(word)}: {', '.join(figures)}; {advice}", key, p)
 
 
-def _word(by: dict[str, Test], faults: set[str]) -> str:
+def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
     """The one fault that matters most: a bias where it explains at least half of what the NEES is too large by."""
     nees = by[NEES].found.value if NEES in faults else 1.0
-    if BIAS in faults and nees >= 1.0 and by[BIAS].found.value ** 2 >= 0.5 * (nees - 1.0):
+    if BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
         return BIASED
     for name in (NEES, NIS):
         if name in faults:
@@ -105,6 +106,8 @@ def _advice(word: str, by: dict[str, Test], faults: set[str], sampled_key: str) 
     if size == 0.0:
         return PROCESS, f"{'raise' if correlation > 0.0 else 'lower'} {PROCESS}"
     verb = "raise" if size > 0.0 else "lower"
+    if size > 0.0 and sampled_key and correlation == 0.0:
+        return sampled_key, f"raise {sampled_key}, or else {PROCESS} and {MEASUREMENT}"
     if correlation == 0.0:
         return PROCESS, f"{verb} {PROCESS} and {MEASUREMENT}"
     key = PROCESS if correlation * size > 0.0 else MEASUREMENT
@@ -116,13 +119,14 @@ def _figure(test: Test) -> str:
     if test.name == BIAS:
         return f"{test.of} off by {found} sigma"
     if test.name == WHITENESS:
-        return f"innovations correlated {found}"
+        return f"innovations correlated {found} at {test.of}"
     return f"{test.name.upper()} / {test.of} = {found}"
 
 
 def _consistent(by: dict[str, Test]) -> str:
     parts = [_figure(by[name]) for name in (NEES, NIS) if np.isfinite(by[name].p)]
-    parts += [word for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")) if np.isfinite(by[name].p)]
+    for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")):
+        parts += [_figure(by[name]) if by[name].rejected else word] * bool(np.isfinite(by[name].p))
     slight = [name for name in (NEES, NIS, BIAS, WHITENESS) if by[name].rejected]
     but = ", but for what is too slight to matter" if slight else ""
     by_what = "" if np.isfinite(by[NEES].p) else " as far as its innovations tell"

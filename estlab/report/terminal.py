@@ -16,7 +16,7 @@ from estlab.metrics.tally import CAUSES
 from estlab.report.console import console
 from estlab.report.findings import Findings
 
-_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations"}
+_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations, {}"}
 
 
 def summary(

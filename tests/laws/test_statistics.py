@@ -259,6 +259,7 @@ def test_holms_p_values_are_those_of_his_example():
         (Estimate(3.21e-7, 3.0e-7, 3.4e-7, 9), "3.21e-07 [3.00e-07, 3.40e-07]"),
         (Estimate(0.123456, np.nan, np.nan, 1), "0.123"),
         (Estimate(0.0, 0.0, 0.0, 5), "0 [0, 0]"),
+        (Estimate(0.0141311648841, 0.0141311648840, 0.0141311648842, 5), "0.01413116 [0.01413116, 0.01413116]"),
     ],
 )
 def test_digits_follow_the_interval(found, shown):

@@ -106,6 +106,18 @@ def test_a_test_rejects_just_where_its_interval_leaves_out_what_should_be():
         assert (positive_test(moments, 1.0) < 0.05) == (not found.low <= 1.0 <= found.high)
 
 
+@pytest.mark.parametrize("runs", [3, 5, 10])
+def test_intervals_of_shares_of_time_hold_for_few_runs(runs):
+    random = np.random.default_rng(6)
+    errors = random.standard_normal((50, 600, runs))
+    for k in range(1, 50):
+        errors[k] = 0.9 * errors[k - 1] + np.sqrt(0.19) * errors[k]
+    for sigmas in (1, 2, 3):
+        shares = (np.abs(errors) <= sigmas).mean(axis=0)
+        found = [time_share_interval(Moments.of(each[None])) for each in shares]
+        assert np.mean([not f.low <= within(sigmas) <= f.high for f in found]) <= 0.09
+
+
 def test_ljung_box_is_its_formula():
     u = np.random.default_rng(5).standard_normal((2, 80))
     statistic = 0.0
@@ -145,7 +157,9 @@ def test_a_share_of_time_that_all_runs_agree_on_is_that_of_one_trial_a_run():
     same = time_share_interval(Moments.of(np.full((1, 30), 0.5)))
     assert same == pytest.approx(share_interval(0.5, 30))
     spread = time_share_interval(Moments.of(np.array([[0.0, 1.0] * 15])))
-    assert spread.high - spread.low == pytest.approx(same.high - same.low, rel=0.05)
+    # Of 29 independent trials, and fewer since their variance is estimated.
+    fewer = 29 * (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 29)) ** 2
+    assert spread == pytest.approx((*share_interval(0.5, fewer)[:3], 30))
     steady = time_share_interval(Moments.of(np.array([[0.45, 0.55] * 15])))
     assert steady.high - steady.low < 0.15 * (same.high - same.low)
     low, high = stats.binomtest(15, 30).proportion_ci(method="wilson")
