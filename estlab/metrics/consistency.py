@@ -162,13 +162,17 @@ def ljung_box(whitened: Array, lags: int) -> tuple[Array, float]:
 def _furthest(moments: Moments) -> tuple[int, Estimate]:
     """The component whose mean is furthest from zero, and its mean's interval among all.
 
-    Of those whose interval leaves out zero; where none does, the furthest in its own standard errors.
+    Of those whose interval leaves out zero; where none does, the furthest in its own standard errors, if it has any.
     """
     count = moments.mean.shape[0]
     each = [mean_interval(moments.component(i), among=count) for i in range(count)]
     away = np.nan_to_num([2.0 * abs(found.value) / max(found.high - found.low, 1e-300) for found in each])
     size = np.abs(moments.mean)
-    worst = int(np.argmax(np.where(away > 1.0, size, 0.0) if (away > 1.0).any() else away))
+    if (away > 1.0).any():
+        away = np.where(away > 1.0, size, 0.0)
+    elif not away.any():
+        away = size
+    worst = int(np.argmax(away))
     return worst, each[worst]
 
 

@@ -126,6 +126,21 @@ def test_the_mean_nis_behind_a_gate_is_that_of_a_truncated_chi_square():
     assert nis_mean(np.array([0]), 0.9).tolist() == [0.0]
 
 
+def test_the_component_shown_is_the_one_that_is_furthest_off():
+    record = records(Fault(), 50, 60, 1)
+    found = filtered(record)
+    sigma = np.sqrt(found.cov[range(2), range(2)])
+    off = np.array([0.4, 1.5])[:, None, None] * sigma
+    # The first varies little over the runs, so that it is further off in standard errors.
+    error = np.array([0.1, 1.0])[:, None, None] * (found.mean - record.truth)
+    for runs in (50, 1):
+        mean = (record.truth + error + off)[..., :runs]
+        readings = replace(record.readings, values=record.readings.values[..., :runs])
+        part = replace(record, truth=record.truth[..., :runs], readings=readings)
+        mine = Estimates(mean, found.cov[..., :runs], found.whitened[..., :runs], None, {})
+        assert answers(told(part, mine))[BIAS].of == "velocity"
+
+
 def test_a_slight_fault_is_not_said_to_be_none():
     (tally,) = ensembles(Fault(bias=0.02), 1, 20_000, 20)
     said = verdict(tally)
