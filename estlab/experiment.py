@@ -119,9 +119,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
                 lambda: scenario.pictures({n: history_of(histories, n, len(findings)) for n in findings}),
             )
     terminal.summary(title, findings, compared, own, first.remarks, str(_short(directory.path)))
-    return _hold_to(
-        settings, {name: [row._asdict() for row in found.rows] for name, found in findings.items()}, directory
-    )
+    return _hold_to(settings, _rows(findings), directory)
 
 
 def _bound(settings: Settings, names: Names, first: Record) -> Array | None:

@@ -88,7 +88,7 @@ def _all_components(tally: Tally) -> Iterator[Row]:
     yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
     yield _row("anees", "all", "", positive_interval(moments["anees"]))
     yield _row("anees_converged", "all", "", positive_interval(moments["anees_converged"]))
-    if not tally.repeated:
+    if not tally.repeated and not tally.sampled:
         index, inclination = credibility(*tally.first)
         yield _row("noncredibility", "all", "dB", index)
         yield _row("inclination", "all", "dB", inclination)
@@ -100,8 +100,11 @@ def _all_components(tally: Tally) -> Iterator[Row]:
 
 
 def _efficiency(tally: Tally, bound: Array | None) -> Iterator[Row]:
-    """Bound over RMSE: at most one but for chance. Its interval is that of the RMSE."""
-    if bound is None:
+    """Bound over RMSE: at most one but for chance. Its interval is that of the RMSE.
+
+    None where runs broke: their RMSE is of the steps before, and the bound of all.
+    """
+    if bound is None or tally.diverged["not_finite"] or tally.diverged["not_definite"]:
         return
     variance = np.einsum("iit->it", bound)
     parts = [(name, variance[i], tally.moments["mean_square"].at(i)) for i, name in enumerate(tally.space.names)]

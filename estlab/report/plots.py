@@ -109,7 +109,7 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
         color=_ENSEMBLE,
         alpha=0.25,
         lw=0,
-        label="95 % of a consistent filter",
+        label="95 % of a consistent filter" + ("" if len(by_filter) == 1 else f", for {by_filter[0][0]}"),
     )
     axes.axhline(1.0, color="0.4", lw=0.8)
     positive = table[column][table[column] > 0.0]
@@ -119,7 +119,7 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     axes.set_yscale("log")
     axes.set_ylim(low, high)
     _logarithmic(axes.yaxis, low, high)
-    axes.set_ylabel(f"{what} (1 when consistent)")
+    axes.set_ylabel(f"{what} (in the band when consistent)")
     axes.set_xlabel("time [s]")
     _legend_below(figure, axes)
     return figure
