@@ -85,20 +85,26 @@ def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0
     return Record(0.0, DT * np.arange(1, steps + 1), truth, np.empty((0, steps, 1)), readings, prior)
 
 
-def filtered(record: Record) -> Estimates:
+def filtered(record: Record, gate: float | None = None) -> Estimates:
     """By the Kalman filter."""
-    return Loop(extended("additive", None), MOTION, SENSOR).estimate(record, Draws([]))
+    return Loop(extended("additive", gate), MOTION, SENSOR).estimate(record, Draws([]))
 
 
 def ensembles(
-    fault: Fault, replications: int, runs: int, steps: int, missing: float = 0.0, seed: int = 1
+    fault: Fault,
+    replications: int,
+    runs: int,
+    steps: int,
+    missing: float = 0.0,
+    seed: int = 1,
+    gate: float | None = None,
 ) -> Iterator[Tally]:
     """The tallies of so many independent ensembles of so many runs."""
     at_once = max(1, 20_000 // runs)
     for begin in range(0, replications, at_once):
         count = min(at_once, replications - begin)
         record = records(fault, count * runs, steps, seed=seed + begin, missing=missing)
-        estimates = filtered(record)
+        estimates = filtered(record, gate)
         for i in range(count):
             part = slice(i * runs, (i + 1) * runs)
             tally = Tally(STATE, record.time)
@@ -237,6 +243,7 @@ def main(replications: int) -> None:
         "5 runs, 100 steps": lambda: ensembles(Fault(), replications, 5, 100),
         "100 runs, 1 step": lambda: ensembles(Fault(), replications, 100, 1),
         "20 runs, 100 steps, 30 % of readings missing": lambda: ensembles(Fault(), replications, 20, 100, 0.3),
+        "20 runs, 100 steps, filter.gate=0.99": lambda: ensembles(Fault(), replications, 20, 100, gate=0.99),
         "1 run, 200 steps": lambda: ensembles(Fault(), replications, 1, 200),
         "samples of 8, 50 runs": lambda: sampled_ensembles(replications, 50, 8, False),
         "samples of 30, 50 runs": lambda: sampled_ensembles(replications, 50, 30, False),
@@ -250,7 +257,11 @@ def main(replications: int) -> None:
         (tally,) = sampled_ensembles(1, 20_000, size, True)
         found = positive_interval(tally.moments["nees"])
         print(f"mean NEES over that of its law, weighted samples of {size}: {bracketed(found)}\n")
-    misses = coverage_misses(ensembles(Fault(), replications, 100, 100))
+    misses = {
+        f"{name}, {runs} runs": hits
+        for runs in (100, 5)
+        for name, hits in coverage_misses(ensembles(Fault(), replications, runs, 100)).items()
+    }
     differences = {
         "difference of two equal filters, 100 runs": np.array(list(comparisons(replications, 100, 0.0))) < 0.05,
         "difference of two equal filters, 10 runs": np.array(list(comparisons(replications, 10, 0.0))) < 0.05,

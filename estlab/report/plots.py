@@ -109,7 +109,7 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
         color=_ENSEMBLE,
         alpha=0.25,
         lw=0,
-        label="95 % of a consistent filter" + ("" if len(by_filter) == 1 else f", for {by_filter[0][0]}"),
+        label="95 % of a consistent filter" + ("" if len(by_filter) == 1 else f", for {table['filter'].iloc[0]}"),
     )
     axes.axhline(1.0, color="0.4", lw=0.8)
     positive = table[column][table[column] > 0.0]
