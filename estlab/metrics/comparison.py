@@ -45,7 +45,7 @@ class Comparison:
             block = Moments.of(both)
             known = np.isfinite(both).all(axis=0)
             # Half a win each where there is nothing between them.
-            won = np.where(known, 0.5 * ((both[0] < both[1]) + (both[0] <= both[1])), 0.0).sum(axis=-1)
+            won = np.where(known, 0.5 * (both[0] < both[1]) + 0.5 * (both[0] <= both[1]), 0.0).sum(axis=-1)
             self.moments[a, b] = self.moments[a, b].plus(block) if (a, b) in self.moments else block
             self.wins[a, b] = self.wins.get((a, b), 0.0) + won
 
