@@ -13,6 +13,7 @@ from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
+from estlab.metrics.each_run import EachRun
 from estlab.metrics.scores import Limits
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
@@ -39,6 +40,7 @@ class Ensemble:
 
     record: Record
     comparison: Comparison
+    each_run: EachRun
     tallies: dict[str, Tally] = field(default_factory=dict)
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -81,7 +83,7 @@ def estimated(
     blocks = list(blocks_of(settings))
     loops = {name: loop_of(settings, filter, first.places) for name, filter in filters_of(settings, names).items()}
     limits = Limits(scenario.found_within, scenario.lost_beyond)
-    ensemble = Ensemble(first, Comparison(scenario.space, first.repeated))
+    ensemble = Ensemble(first, Comparison(scenario.space, first.repeated), EachRun(scenario.space))
     tick = progress(len(blocks) * first.time.size * len(loops))
     for block in blocks:
         record = first if block == blocks[0] else record_of(settings, names, block)
@@ -98,6 +100,7 @@ def estimated(
                     ensemble.kept[label] = _kept(record, estimates, settings.keep_runs)
                 squares[label] = ensemble.tallies[label].add(record, estimates, block)
         ensemble.comparison.add(squares)
+        ensemble.each_run.add(record, squares, block)
     return ensemble
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import UserError
+from estlab.errors import UserError, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from estlab.config import Settings
     from estlab.ensemble import Names
     from estlab.expectations import Finding
+    from estlab.rundir import RunDirectory
 
 _BEGAN = time.time()
 
@@ -45,7 +46,7 @@ _TOLD = (
 
 
 def complain(message: str, code: int = USAGE) -> int:
-    print(f"estlab: {message}", file=sys.stderr)
+    print(f"estlab: {printable(message)}", file=sys.stderr)
     return code
 
 
@@ -114,22 +115,34 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     except BaseException:
         remove_if_ours(folder, Path(str(config.output)))
         raise
+
+    def work() -> str:
+        directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
+        directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
+        directory.link_latest(Path(settings.output))
+        findings = experiment.run(settings, names, directory, command)
+        if told:
+            told(findings)
+        return expectations.unmet(findings)
+
+    return concluded(directory, work)
+
+
+def concluded(directory: "RunDirectory", work: Callable[[], str]) -> int:
+    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
+
+    work: gives what was expected and not found, nothing if all was.
+    """
     try:
         with directory.logged():
-            directory.write_text(rundir.CONFIG, OmegaConf.to_yaml(config, resolve=True))
-            directory.write_text(rundir.OVERRIDES, OmegaConf.to_yaml(HydraConfig.get().overrides.task))
-            directory.link_latest(Path(settings.output))
-            findings = experiment.run(settings, names, directory, command)
+            unmet = work()
     except KeyboardInterrupt:
         directory.finish("interrupted", "interrupted by the user")
         raise
     except (Exception, SystemExit) as error:
-        message = _reason(error, folder / rundir.LOG)
+        message = _reason(error, directory.path / "log.txt")
         directory.finish("failed", message)
         return complain(message, USAGE if isinstance(error, UserError) else FAILED)
-    if told:
-        told(findings)
-    unmet = expectations.unmet(findings)
     directory.finish("failed" if unmet else "ok", unmet)
     return complain(unmet, FAILED) if unmet else OK
 

@@ -9,7 +9,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from hashlib import sha256
@@ -26,7 +26,7 @@ State = Literal["running", "ok", "failed", "interrupted"]
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
 ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
 TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
-COMPARISON = "comparison.csv"
+COMPARISON, RUNS = "comparison.csv", "runs.csv"
 ESTIMATES, PLOTS, EXPECTATIONS = "estimates.npz", "plots", "expectations.csv"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
@@ -121,21 +121,42 @@ class RunDirectory:
         self.write_text(RUN, json.dumps(record, indent=2) + "\n")
 
     def link_latest(self, root: Path) -> None:
-        """Make ``latest`` in the folder of all runs point here. A system without symbolic links goes without."""
-        if not self.path.resolve().is_relative_to(root.resolve()):
-            return
-        link = root / f".latest.{os.getpid()}"
-        try:
-            link.symlink_to(self.path.resolve().relative_to(root.resolve()), target_is_directory=True)
-            os.replace(link, root / "latest")
-        except OSError:
-            link.unlink(missing_ok=True)
+        """Make ``latest`` in the folder of all runs point here."""
+        link_latest(self.path, root)
 
     def _status(self, state: State, message: str = "") -> bytes:
-        stamp = {"status": state, "began": _iso(self._began), "pid": os.getpid()}
+        stamp = {"status": state, "began": _iso(self._began), "pid": os.getpid(), "node": platform.node()}
         if state != "running":
             stamp |= {"ended": _iso(time.time()), "error": message[:1000]}
         return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
+
+
+def link_latest(path: Path, root: Path) -> None:
+    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without."""
+    if not path.resolve().is_relative_to(root.resolve()):
+        return
+    link = root / f".latest.{os.getpid()}"
+    try:
+        link.symlink_to(path.resolve().relative_to(root.resolve()), target_is_directory=True)
+        os.replace(link, root / "latest")
+    except OSError:
+        link.unlink(missing_ok=True)
+
+
+def at_work(status: Mapping[str, Any]) -> bool:
+    """Whether the process of an unfinished run is alive, by its status; also where that cannot be known from here."""
+    pid, node = status.get("pid"), status.get("node")
+    if status.get("status") != "running":
+        return False
+    if not isinstance(pid, int) or isinstance(pid, bool) or not 0 < pid < 2**31 or node != platform.node():
+        return True
+    try:
+        os.kill(pid, 0)  # it sends nothing, and asks alone
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def hashes(files: Iterable[Path]) -> list[dict[str, str]]:

@@ -66,7 +66,7 @@ def test_a_run_writes_everything_the_contract_names(capsys):
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", folder.parent.name)
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     tables = {"errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv", "estimates.npz"}
-    tables |= {"tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
+    tables |= {"runs.csv", "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
     records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
     assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
     assert status(folder)["status"] == "ok"
