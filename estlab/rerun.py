@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from estlab.archive.sameness import Deviation
     from estlab.config import Settings
     from estlab.ensemble import Names
+    from estlab.report.grids import Grid
+    from estlab.rundir import RunDirectory
 
 HELP = """\
 estlab rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [output=FOLDER | hydra.run.dir=FOLDER]
@@ -56,10 +58,12 @@ def rerun(arguments: Sequence[str]) -> int:
     before = finished.read(_itself(wanted.folder))
     config = _config(before, wanted)
     settings, names = _settings(before, config, wanted)
+    typed = finished.text(before.path, rundir.OVERRIDES)
     if why := finished.unfinished(before.path, before.status):
         complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
     directory = rundir.RunDirectory(_place(wanted, before))
-    code = concluded(directory, lambda: _work(directory, before, config, settings, names, list(arguments)))
+    origin = str(before.path.resolve())
+    code = concluded(directory, lambda: _work(directory, origin, config, typed, settings, names, list(arguments)))
     if finished.unfinished(directory.path, finished.status(directory.path)):
         return code
     return FAILED if why else _compare(before, finished.read(directory.path))
@@ -160,9 +164,10 @@ def _place(wanted: Wanted, before: "Finished") -> Path:
 
 
 def _work(
-    directory: Any,
-    before: "Finished",
+    directory: "RunDirectory",
+    origin: str,
     config: dict[str, Any],
+    typed: str,
     settings: "Settings",
     names: "Names",
     arguments: list[str],
@@ -171,11 +176,10 @@ def _work(
     import yaml
 
     from estlab import expectations, experiment, rundir
-    from estlab.archive import finished
 
-    directory.describe(rerun_of=str(before.path.resolve()))
+    directory.describe(rerun_of=origin)
     directory.write_text(rundir.CONFIG, yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
-    directory.write_text(rundir.OVERRIDES, finished.text(before.path, rundir.OVERRIDES))
+    directory.write_text(rundir.OVERRIDES, typed)
     directory.link_latest(Path(settings.output))
     return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "rerun", *arguments]))
 
@@ -185,7 +189,10 @@ def _compare(before: "Finished", now: "Finished") -> int:
     from estlab.archive import sameness
     from estlab.report import grids
 
-    found = sameness.deviations(before.path, now.path)
+    try:
+        found = sameness.deviations(before.path, now.path)
+    except UserError as error:
+        return complain(f"the figures cannot be compared: {error}", FAILED)
     largest = found[0].relative if found else 0.0
     for bound, said in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
         if largest <= bound:
@@ -201,7 +208,7 @@ def _compare(before: "Finished", now: "Finished") -> int:
     return complain(f"the figures are not those of {before.path}", FAILED)
 
 
-def _table(found: "Sequence[Deviation]") -> Any:
+def _table(found: "Sequence[Deviation]") -> "Grid":
     from estlab.report.grids import Grid
 
     lines = [

@@ -24,41 +24,27 @@ STATES = ("running", "ok", "failed", "interrupted")
 # Beyond these a file is none of ours, or would fill the memory.
 _CONFIG_BYTES, _RECORD_BYTES, _TABLE_BYTES, _ARRAY_BYTES = 2**18, 2**22, 2**30, 2**33
 
+_DEEPEST = 50
+
 _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A run's directory, its status, what run.json says, and its configuration as plain data."""
+    """A run's directory, its status, what run.json says, and its configuration as plain data.
+
+    scenario, filter: what they were called, which random numbers hang on; filter is the first of several filters.
+    filters: all of them. changes: what was typed beside these.
+    """
 
     path: Path
     status: Mapping[str, Any]
     facts: Mapping[str, Any]
     config: Mapping[str, Any]
-
-    @property
-    def scenario(self) -> str:
-        return str(self._names["scenario"])
-
-    @property
-    def filter(self) -> str:
-        """The name of a single filter; the first's of several."""
-        return str(self._names["filter"])
-
-    @property
-    def changes(self) -> tuple[str, ...]:
-        """What was typed beside scenario and filter."""
-        changes = self._names.get("changes")
-        return tuple(printable(str(change))[:100] for change in changes[:100]) if isinstance(changes, list) else ()
-
-    @property
-    def filters(self) -> tuple[str, ...]:
-        """The names of all filters; raises UserError for what is no name."""
-        several = self.config.get("filters")
-        names = tuple(map(str, several)) if isinstance(several, Mapping) and several else (self.filter,)
-        for name in names:
-            _check_name(self.path / rundir.CONFIG, name)
-        return names
+    scenario: str
+    filter: str
+    filters: tuple[str, ...]
+    changes: tuple[str, ...]
 
     @property
     def data(self) -> dict[str, str]:
@@ -66,21 +52,6 @@ class Finished:
         listed = self.facts.get("data")
         files = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
         return {str(one.get("file")): str(one.get("sha256")) for one in files}
-
-    @property
-    def _names(self) -> Mapping[str, Any]:
-        """What scenario and filter were called, which random numbers hang on.
-
-        Raises UserError where they are not said, or are no names.
-        """
-        file, names = self.path / rundir.RUN, self.facts.get("names")
-        if not isinstance(names, Mapping) or not {"scenario", "filter"} <= set(names):
-            raise UserError(
-                f"{file}: does not say what its scenario and filter were called; an earlier estlab wrote it"
-            )
-        for name in (names["scenario"], names["filter"]):
-            _check_name(file, name)
-        return names
 
 
 def is_run(folder: Path) -> bool:
@@ -93,7 +64,23 @@ def read(path: Path) -> Finished:
 
     Raises UserError, naming the file, for one that cannot be read or is not what a run writes.
     """
-    return Finished(path, status(path), _json(path, rundir.RUN), _config(path))
+    found, facts, config = status(path), _json(path, rundir.RUN), _config(path)
+    file, names = path / rundir.RUN, facts.get("names")
+    if not isinstance(names, Mapping) or not {"scenario", "filter"} <= set(names):
+        raise UserError(f"{file}: does not say what its scenario and filter were called; an earlier estlab wrote it")
+    scenario, filter = (_name(file, names[part]) for part in ("scenario", "filter"))
+    several, changes = config.get("filters"), names.get("changes")
+    filters = several if isinstance(several, Mapping) and several else (filter,)
+    return Finished(
+        path,
+        found,
+        facts,
+        config,
+        scenario,
+        filter,
+        tuple(_name(path / rundir.CONFIG, name) for name in filters),
+        tuple(printable(str(change))[:100] for change in changes[:100]) if isinstance(changes, list) else (),
+    )
 
 
 def status(path: Path) -> dict[str, Any]:
@@ -214,10 +201,11 @@ def _regular(folder: Path, name: str) -> Path:
     return path
 
 
-def _check_name(file: Path, name: object) -> None:
+def _name(file: Path, name: object) -> str:
     """Names end up in paths."""
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise UserError(f"{file}: {str(name)[:40]!r} is no name of a scenario or filter")
+    return name
 
 
 def _json(folder: Path, name: str) -> dict[str, Any]:
@@ -233,11 +221,15 @@ def _json(folder: Path, name: str) -> dict[str, Any]:
 def plain_yaml(content: str) -> Any:
     """A YAML text as plain data, by the loader that makes nothing else.
 
-    Raises ValueError for anything else, and for an alias, by which a short file could stand for an endless one.
+    Raises ValueError for anything else, for an alias, by which a short file could stand for an endless one, and for
+    what lies deeper than any configuration.
     """
+    depth = 0
     try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content, Loader=yaml.SafeLoader)):
-            raise ValueError("it has an alias")
+        for event in yaml.parse(content, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if isinstance(event, yaml.AliasEvent) or depth > _DEEPEST:
+                raise ValueError("an alias, or too deep")
         return yaml.safe_load(content)
     except (yaml.YAMLError, RecursionError, OverflowError) as error:
         raise ValueError("not plain YAML") from error
@@ -254,10 +246,8 @@ def _config(folder: Path) -> dict[str, Any]:
     return found
 
 
-def _named(node: Any, depth: int = 0) -> bool:
-    """Whether all keys are texts, to a depth that a configuration may have."""
-    if depth > 50:
-        return False
+def _named(node: Any) -> bool:
+    """Whether all keys are texts."""
     if isinstance(node, dict):
-        return all(isinstance(key, str) and _named(value, depth + 1) for key, value in node.items())
-    return not isinstance(node, list) or all(_named(value, depth + 1) for value in node)
+        return all(isinstance(key, str) and _named(value) for key, value in node.items())
+    return not isinstance(node, list) or all(map(_named, node))
