@@ -18,6 +18,7 @@ from estlab.filters.loop import Loop
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
+COMMANDS = ("run", "sweep", "verify", "compare", "rerun", "clean", "simulate", "list")
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +37,7 @@ def status(folder: Path) -> dict:
 def test_help_and_version_name_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "list"))
+    assert all(f"estlab {command}" in text for command in COMMANDS)
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
@@ -410,6 +411,8 @@ def test_a_users_own_folder_of_configuration_is_found(capsys):
         ("estlab ru", {"run"}),
         ("estlab sweep filter=ek", {"filter=ekf"}),
         ("estlab run scenario=car filter.al", {"filter.alpha="}),
+        ("estlab c", {"compare", "clean"}),
+        ("estlab compare ru", set()),
         ("estlab list ", {"scenarios", "filters", "experiments"}),
     ],
 )
