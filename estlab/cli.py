@@ -21,6 +21,9 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab sweep ... --dry-run               list its jobs and run none
   estlab sweep --resume DIR                run what is not done of a sweep that was stopped
   estlab verify                            run every experiment that says what it finds, and hold it to that
+  estlab compare DIR [DIR ...]             runs side by side: intervals, paired tests; --csv, --md, --latex, --plot
+  estlab rerun DIR                         a run again from its own directory: are the figures the same?
+  estlab clean                             list the runs that failed or stopped; --yes deletes them
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
   estlab list [scenarios|filters|experiments]  what there is
   estlab run --help                        every key of the configuration, and Hydra's own flags
@@ -30,7 +33,8 @@ Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usag
 3 some jobs of a sweep failed, 130 interrupted.
 """
 
-_COMMANDS = ("run", "sweep", "verify", "simulate", "list")
+_COMMANDS = ("run", "sweep", "verify", "compare", "rerun", "clean", "simulate", "list")
+_OF_DIRECTORIES = ("compare", "rerun", "clean")
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
 
@@ -74,6 +78,18 @@ def _dispatch(arguments: list[str]) -> int:
         from estlab.verify import verify
 
         return verify(rest)
+    elif command == "compare":
+        from estlab.compare import compare
+
+        return compare(rest)
+    elif command == "rerun":
+        from estlab.rerun import rerun
+
+        return rerun(rest)
+    elif command == "clean":
+        from estlab.clean import clean
+
+        return clean(rest)
     elif command == "simulate":
         if {"-m", "--multirun"} & set(rest):
             raise UserError("estlab simulate writes one data set; leave out --multirun")
@@ -132,6 +148,8 @@ def _complete(arguments: list[str]) -> int:
     if words[1] == "list":
         print(" ".join(_GROUPS))
         return OK
+    if words[1] in _OF_DIRECTORIES:
+        return OK  # the shell goes on with files and folders
     if words[1] == "verify":
         from estlab.verify import experiment_files
 

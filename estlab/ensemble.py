@@ -14,6 +14,7 @@ from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
+from estlab.metrics.each_run import EachRun
 from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits
 from estlab.metrics.tally import Tally
@@ -34,10 +35,11 @@ class Names:
 
 @dataclass(frozen=True)
 class Totals:
-    """Of runs: a tally for each set of estimates by name, the comparison of filters, and the records' own sums."""
+    """Of runs: a tally for each set of estimates by name, filters compared, the first runs one by one, records' sums."""
 
     tallies: dict[str, Tally]
     comparison: Comparison
+    each_run: EachRun
     sums: dict[str, Array]
 
     def plus(self, other: "Totals") -> "Totals":
@@ -45,6 +47,7 @@ class Totals:
         return Totals(
             {name: tally.plus(other.tallies[name]) for name, tally in self.tallies.items()},
             self.comparison.plus(other.comparison),
+            self.each_run.plus(other.each_run),
             {name: array + other.sums[name] for name, array in self.sums.items()},
         )
 
@@ -129,13 +132,14 @@ def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> To
     space, begin = settings.scenario.space, settings.run_numbers.start
     limits = Limits(settings.scenario.found_within, settings.scenario.lost_beyond)
     tallies = {name: Tally(space, record.time, limits, record.repeated, begin) for name in names}
-    return Totals(tallies, Comparison(space, record.repeated), record.sums)
+    return Totals(tallies, Comparison(space, record.repeated), EachRun(space), record.sums)
 
 
 def _totals(settings: Settings, record: Record, found: dict[str, Estimates], block: range) -> Totals:
     totals = empty_totals(settings, record, found)
     squares = {name: totals.tallies[name].add(record, estimates, block) for name, estimates in found.items()}
     totals.comparison.add(squares)
+    totals.each_run.add(record, squares, block, settings.run_numbers.start)
     return totals
 
 

@@ -5,6 +5,7 @@ import logging
 import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     filters = filters_of(settings, names)
     runs = settings.run_numbers
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
-    directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
+    directory.describe(names=asdict(names), command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
     first = record_of(settings, names, next(blocks_of(settings)))
     directory.describe(data=rundir.hashes(first.files), steps=first.time.size)
     if settings.parts:
@@ -156,6 +157,7 @@ def _write_tables(
         rundir.HISTOGRAMS: {name: histogram_rows(tally) for name, tally in tallies.items()},
         rundir.TESTS: {name: test_rows(found.tests) for name, found in findings.items()},
         rundir.VERDICTS: {name: [found.verdict._asdict()] for name, found in findings.items()},
+        rundir.RUNS: {name: ensemble.total.each_run.columns(name) for name in tallies},
         rundir.METRICS: _rows(findings),
     }
     for file, by_filter in written.items():

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import UserError
+from estlab.errors import UserError, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ _TOLD = (
 
 
 def complain(message: str, code: int = USAGE) -> int:
-    print(f"estlab: {message}", file=sys.stderr)
+    print(f"estlab: {printable(message)}", file=sys.stderr)
     return code
 
 

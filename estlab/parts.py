@@ -1,6 +1,7 @@
 """A part of an ensemble's blocks in a file, and all parts put together to what one process would have found."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,6 +25,9 @@ def save(ensemble: Ensemble, stream: BinaryIO) -> None:
         for name, tally in totals.tallies.items():
             arrays |= {f"{node}/tallies/{name}/{key}": array for key, array in tally_arrays(tally)}
         arrays |= {f"{node}/comparison/{key}": array for key, array in comparison_arrays(totals.comparison)}
+        arrays |= {f"{node}/runs/{key}": array for key, array in totals.each_run.runs.items()}
+        for name, answers in totals.each_run.answers.items():
+            arrays |= {f"{node}/answers/{name}/{key}": array for key, array in answers.items()}
         arrays |= {f"{node}/sums/{key}": array for key, array in totals.sums.items()}
     for name, kept in ensemble.kept.items():
         arrays |= {f"kept/{name}/{key}": array for key, array in kept.items()}
@@ -65,4 +69,7 @@ def _totals(settings: Settings, first: Record, arrays: dict[str, Array]) -> Tota
     names = list(dict.fromkeys(key.split("/")[0] for key in tallies))
     empty = empty_totals(settings, first, names)
     filled = {name: tally_of(empty.tallies[name], below(tallies, name)) for name in names}
-    return Totals(filled, comparison_of(empty.comparison, below(arrays, "comparison")), below(arrays, "sums"))
+    answers = {name: below(arrays, f"answers/{name}") for name in names}
+    each_run = replace(empty.each_run, runs=below(arrays, "runs"), answers=answers)
+    comparison = comparison_of(empty.comparison, below(arrays, "comparison"))
+    return Totals(filled, comparison, each_run, below(arrays, "sums"))

@@ -9,7 +9,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from functools import cache
@@ -27,7 +27,7 @@ State = Literal["running", "ok", "failed", "interrupted"]
 CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"
 ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
 TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
-COMPARISON = "comparison.csv"
+COMPARISON, RUNS = "comparison.csv", "runs.csv"
 ESTIMATES, PLOTS, EXPECTATIONS = "estimates.npz", "plots", "expectations.csv"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
@@ -156,6 +156,22 @@ def _stamp(state: State, began: float, pid: int, message: str = "", code: int = 
     if state != "running":
         stamp |= {"ended": _iso(time.time()), "error": message[:1000], "exit_code": code}
     return (json.dumps(stamp, indent=2) + "\n").encode().ljust(_STATUS_BYTES)
+
+
+def at_work(status: Mapping[str, Any]) -> bool:
+    """Whether the process of an unfinished run is alive, by its status; also where that cannot be known from here."""
+    pid, node = status.get("pid"), status.get("node")
+    if status.get("status") != "running":
+        return False
+    if not isinstance(pid, int) or isinstance(pid, bool) or not 0 < pid < 2**31 or node != platform.node():
+        return True
+    try:
+        os.kill(pid, 0)  # it sends nothing, and asks alone
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def hashes(files: Iterable[Path]) -> list[dict[str, str]]:

@@ -59,7 +59,7 @@ def draw_all(
 
 def draw_errors(errors: "DataFrame", space: Space, title: str, runs: range) -> "Figure":
     """One panel a component: the first run's error and +-3 sigma, the bound, for one filter the ensemble's RMSE."""
-    figure, panels = _figure(space.size, title, 1.7)
+    figure, panels = new_figure(space.size, title, 1.7)
     dense = errors["time"].nunique() > _DENSE
     by_filter = list(errors.groupby("filter", sort=False))
     alone = len(by_filter) == 1
@@ -87,21 +87,21 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: range) -> "
     if not alone:
         panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
     panels[-1].set_xlabel("time [s]")
-    _legend_below(figure, panels[0])
+    legend_below(figure, panels[0])
     return figure
 
 
 def draw_consistency(table: "DataFrame", column: str, what: str, title: str, runs: range) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
-    figure, (axes,) = _figure(1, title, 3.6)
+    figure, (axes,) = new_figure(1, title, 3.6)
     by_filter = list(table.groupby("filter", sort=False))
     dense = len(runs) == 1 and len(table) > 600 * len(by_filter)
     mean = "" if len(runs) == 1 else f", mean of {int(table['runs_scored'].max())} runs"
     for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
         label = what + mean if len(by_filter) == 1 else f"{filter}{mean}"
-        rows = _broken_at_gaps(rows)
+        rows = broken_at_gaps(rows)
         axes.plot(rows["time"], rows[column], "." if dense else "-", ms=2, color=colour, lw=1.0, label=label)
-    first = _broken_at_gaps(by_filter[0][1])
+    first = broken_at_gaps(by_filter[0][1])
     axes.fill_between(
         first["time"],
         first["lower"],
@@ -118,23 +118,23 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     low, high = max(low, 1e-4), min(high, 1e8)
     axes.set_yscale("log")
     axes.set_ylim(low, high)
-    _logarithmic(axes.yaxis, low, high)
+    logarithmic(axes.yaxis, low, high)
     axes.set_ylabel(f"{what} (in the band when consistent)")
     axes.set_xlabel("time [s]")
-    _legend_below(figure, axes)
+    legend_below(figure, axes)
     return figure
 
 
 def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
     """The effective sample size over time."""
-    figure, (axes,) = _figure(1, title, 3.0)
+    figure, (axes,) = new_figure(1, title, 3.0)
     by_filter = list(notes.groupby("filter", sort=False))
     for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
         axes.plot(rows["time"], rows["mean"], color=colour, lw=1.0, label=f"{filter}, mean of {len(runs)} runs")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("effective sample size [particles]")
     axes.set_xlabel("time [s]")
-    _legend_below(figure, axes)
+    legend_below(figure, axes)
     return figure
 
 
@@ -144,7 +144,7 @@ def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Fig
 
     chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
     unit = space.units[space.position[0] if chosen == "position" else space.names.index(chosen)]
-    figure, axes = _figure(1, title, 3.6, columns=2)
+    figure, axes = new_figure(1, title, 3.6, columns=2)
     for panel, metric, component, what in (
         (axes[0], "rmse", chosen, f"RMSE of a run, {chosen} [{unit}]"),
         (axes[1], "anees", "all", "NEES / n of a run"),
@@ -157,12 +157,12 @@ def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Fig
             heights = mine.set_index("low")["runs"].reindex(edges[:-1], fill_value=0).to_numpy()
             panel.stairs(heights, edges, color=colour, lw=1.3, label=filter, fill=len(by_filter) == 1, alpha=0.9)
         panel.set_xscale("log")
-        _logarithmic(panel.xaxis, rows["low"].min(), rows["high"].max())
+        logarithmic(panel.xaxis, rows["low"].min(), rows["high"].max())
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")
     if histograms["filter"].nunique() > 1:
-        _legend_below(figure, axes[0])
+        legend_below(figure, axes[0])
     return figure
 
 
@@ -205,11 +205,11 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
     _title(figure, f"{title} · run {arrays['run'][0]}")
-    _legend_below(figure, axes)
+    legend_below(figure, axes)
     return figure
 
 
-def _figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
+def new_figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_WIDTH, height * rows + 1.0), layout="constrained")
@@ -224,7 +224,7 @@ def _colours(count: int) -> list[str]:
     return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
 
 
-def _legend_below(figure: "Figure", axes: "Axes") -> None:
+def legend_below(figure: "Figure", axes: "Axes") -> None:
     """A legend under the panels, in as many columns as its longest entry leaves room for."""
     handles, labels = axes.get_legend_handles_labels()
     columns = max(1, int(14.0 * _WIDTH / (max(map(len, labels), default=1) + 8)))
@@ -235,7 +235,7 @@ def _title(figure: "Figure", title: str) -> None:
     figure.suptitle(textwrap.fill(title, 90), fontsize="large")
 
 
-def _broken_at_gaps(rows: "DataFrame") -> "DataFrame":
+def broken_at_gaps(rows: "DataFrame") -> "DataFrame":
     """Rows with an empty one wherever time jumps by many steps, so that no line is drawn across."""
     import pandas as pd
 
@@ -246,7 +246,7 @@ def _broken_at_gaps(rows: "DataFrame") -> "DataFrame":
     return pd.concat([rows, empty]).sort_values("time", kind="stable") if gaps.size else rows
 
 
-def _logarithmic(axis: "Axis", low: float, high: float) -> None:
+def logarithmic(axis: "Axis", low: float, high: float) -> None:
     """Ticks of a logarithmic axis as plain numbers, closer together where it spans little."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

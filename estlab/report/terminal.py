@@ -144,7 +144,9 @@ def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _table(title: str, headings: Sequence[str]) -> Table:
-    table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    table = Table(
+        title=Text(title) if title else None, title_justify="left", title_style="bold", box=None, pad_edge=False
+    )
     for i, heading in enumerate(headings):
         table.add_column(Text(heading), justify="left" if i == 0 else "right")
     return table

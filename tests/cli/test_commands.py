@@ -18,6 +18,7 @@ from estlab.filters.loop import Loop
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
+COMMANDS = ("run", "sweep", "verify", "compare", "rerun", "clean", "simulate", "list")
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +37,7 @@ def status(folder: Path) -> dict:
 def test_help_and_version_name_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "list"))
+    assert all(f"estlab {command}" in text for command in COMMANDS)
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
@@ -66,7 +67,7 @@ def test_a_run_writes_everything_the_contract_names(capsys):
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", folder.parent.name)
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     tables = {"errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv", "estimates.npz"}
-    tables |= {"tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
+    tables |= {"runs.csv", "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
     records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
     assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
     assert status(folder)["status"] == "ok"
@@ -372,30 +373,15 @@ def test_several_filters_are_compared_and_each_gets_a_verdict(capsys):
 
 
 def test_parts_of_an_ensemble_put_together_are_what_one_process_finds():
-    common = [
-        "run",
-        "scenario=field",
-        "filter=[ekf,pf]",
-        "filters.pf.particles=40",
-        "runs=23",
-        "steps=30",
-        "plots=false",
-    ]
-    common += ["block_runs=3", "keep_runs=4"]
+    common = ["run", "scenario=field", "filter=[ekf,pf]", "filters.pf.particles=40", "runs=23", "steps=30"]
+    common += ["plots=false", "block_runs=3", "keep_runs=4"]
     assert main([*common, "hydra.run.dir=one"]) == 0
     for i in (2, 0, 1):
         assert main([*common, f"part=[{i},3]", f"hydra.run.dir=part{i}"]) == 0
     assert main([*common, "parts=[part1,part0,part2]", "hydra.run.dir=merged"]) == 0
-    for name in (
-        "metrics.csv",
-        "tests.csv",
-        "errors.csv",
-        "nees.csv",
-        "coverage.csv",
-        "histograms.csv",
-        "verdicts.csv",
-    ):
-        assert (Path("one") / name).read_bytes() == (Path("merged") / name).read_bytes(), name
+    tables = ("metrics", "tests", "errors", "nees", "nis", "coverage", "histograms", "verdicts", "runs")
+    for name in tables:
+        assert (Path("one") / f"{name}.csv").read_bytes() == (Path("merged") / f"{name}.csv").read_bytes(), name
     with np.load("one/estimates.npz") as one, np.load("merged/estimates.npz") as merged:
         for name in one:
             np.testing.assert_array_equal(one[name], merged[name])
@@ -443,6 +429,8 @@ def test_a_users_own_folder_of_configuration_is_found(capsys):
         ("estlab ru", {"run"}),
         ("estlab sweep filter=ek", {"filter=ekf"}),
         ("estlab run scenario=car filter.al", {"filter.alpha="}),
+        ("estlab c", {"compare", "clean"}),
+        ("estlab compare ru", set()),
         ("estlab list ", {"scenarios", "filters", "experiments"}),
     ],
 )

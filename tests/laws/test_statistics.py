@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from estlab.config import Settings
 from estlab.ensemble import Names, blocks_of, estimated, record_of
 from estlab.filters.gaussian import extended
+from estlab.maths.space import Space
 from estlab.metrics import series
+from estlab.metrics.comparison import Comparison
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.metrics.intervals import Estimate, holm
 from estlab.metrics.moments import Histogram, Moments
@@ -99,6 +101,14 @@ def test_the_order_of_filters_changes_no_figure_and_no_comparison():
     for name in ("ekf", "ukf"):
         np.testing.assert_equal(one[name], other[name])
     np.testing.assert_equal(compared, compared_too)
+
+
+def test_wins_count_smaller_errors_whole_and_ties_half():
+    ours, theirs = np.array([1.0, 2.0, 3.0, 5.0]), np.array([2.0, 3.0, 3.0, 4.0])
+    for a, b, share in ((ours, theirs, 0.625), (theirs, ours, 0.375), (ours, ours + 1.0, 1.0)):
+        comparison = Comparison(Space(("x",), ("m",)))
+        comparison.add({"a": {"mean_square": a[None]}, "b": {"mean_square": b[None]}})
+        assert comparison.rows({})[0]["wins"] == share
 
 
 def gappy(runs: int = 40):

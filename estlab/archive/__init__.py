@@ -1,0 +1,1 @@
+"""Run directories that are finished, read as data alone, whoever wrote them."""

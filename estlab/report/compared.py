@@ -1,0 +1,144 @@
+"""What a comparison of runs shows: the metrics of each row, and the differences to one of them."""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any, BinaryIO
+
+from estlab.archive.pairing import Pair
+from estlab.archive.rows import Metric, Row
+from estlab.metrics.digits import bracketed, figure, interval
+from estlab.report.grids import Grid
+
+_SPOKEN = {"rmse": "RMSE", "anees": "NEES / n", "anis": "NIS / m"}
+_COUNTS = ("diverged", "lost", "not_finite", "not_definite")
+VERDICT: Metric = ("verdict", "all")
+
+
+def metrics_grid(rows: Sequence[Row], metrics: Sequence[Metric]) -> Grid:
+    """A line a row: its number, label and metrics with their intervals."""
+    units = {metric: {row.metrics[metric].unit for row in rows if metric in row.metrics} for metric in metrics}
+    headings = ["", "", *(_heading(metric, units[metric]) for metric in metrics)]
+    lines = [
+        [str(number), row.label, *(_cell(row, metric, len(units[metric]) > 1) for metric in metrics)]
+        for number, row in enumerate(rows, 1)
+    ]
+    return Grid(_title(rows), headings, lines, 2)
+
+
+def differences_grid(
+    rows: Sequence[Row], against: int, pairs: Mapping[str, Pair], components: Sequence[str]
+) -> Grid | None:
+    """A line a row and component that is paired with the one it is held against; None if none is.
+
+    against: the number of that row, from 1.
+    """
+    lines = []
+    for number, row in enumerate(rows, 1):
+        pair = pairs.get(row.label)
+        for component in components if pair else ():
+            if pair and (one := pair.differences.get(component)):
+                unit = row.metrics["rmse", component].unit
+                wins = f"{100.0 * one.wins:.0f} % of {one.found.n}" if one.found.n else ""
+                cells = (figure(one.found), interval(one.found), p_value(one.p_holm), wins)
+                lines.append([str(number), row.label, f"{component} [{unit}]", *cells])
+    title = f"RMSE less that of row {against}, {rows[against - 1].label}, on the same truth and readings"
+    headings = ["", "", "component", "difference", "95 % interval", "p, Holm", "better in, of runs"]
+    return Grid(title, headings, lines, 3) if lines else None
+
+
+def not_paired(rows: Sequence[Row], against: int, pairs: Mapping[str, Pair]) -> list[str]:
+    """Which rows are not compared with the one, and why: a line a reason."""
+    reasons: dict[str, list[int]] = {}
+    for number, row in enumerate(rows, 1):
+        if (pair := pairs.get(row.label)) and pair.why_not:
+            reasons.setdefault(pair.why_not, []).append(number)
+    return [
+        f"row{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))} not paired with row {against}: {why}"
+        for why, numbers in reasons.items()
+    ]
+
+
+def p_value(p: float) -> str:
+    return "" if p != p else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+
+
+def write(
+    rows: Sequence[Row],
+    metrics: Sequence[Metric],
+    against: int,
+    pairs: Mapping[str, Pair],
+    components: Sequence[str],
+    stream: BinaryIO,
+) -> None:
+    """Write the comparison as CSV, a line a row, numbers in full."""
+    import pandas as pd
+
+    lines = []
+    for number, row in enumerate(rows, 1):
+        line: dict[str, Any] = {"row": number, "label": row.label, "directory": str(row.run.path)}
+        line |= {"scenario": row.run.scenario, "filter": row.filter, "seed": row.settings.get("seed")}
+        for metric in metrics:
+            line |= _numbers(row, metric)
+        pair = pairs.get(row.label)
+        line |= {"against": against if pair else None, "not_paired": pair.why_not if pair else ""}
+        for component in components:
+            found = pair.differences.get(component) if pair else None
+            name = f"difference.{component}"
+            line |= {
+                name: found.found.value if found else None,
+                f"{name}.low": found.found.low if found else None,
+                f"{name}.high": found.found.high if found else None,
+                f"{name}.p_holm": found.p_holm if found else None,
+                f"{name}.wins": found.wins if found else None,
+                f"{name}.n": found.found.n if found else None,
+            }
+        lines.append(line)
+    table = pd.DataFrame(lines).map(_harmless)
+    whole = {name: "Int64" for name in table if name == "against" or str(name).endswith((".n", ".of"))}
+    text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
+    table.astype(whole).to_csv(text, index=False)
+    text.flush()
+    text.detach()
+
+
+def _numbers(row: Row, metric: Metric) -> dict[str, Any]:
+    name = metric[0] if metric[1] == "all" else ".".join(metric)
+    if metric == VERDICT:
+        return {"verdict": row.verdict}
+    one = row.metrics.get(metric)
+    if metric[0] in _COUNTS:
+        return {name: one.found.value if one else None, f"{name}.of": one.found.n if one else None}
+    return {
+        name: one.found.value if one else None,
+        f"{name}.low": one.found.low if one else None,
+        f"{name}.high": one.found.high if one else None,
+        f"{name}.unit": one.unit if one else None,
+    }
+
+
+def _harmless(cell: Any) -> Any:
+    """A text that a spreadsheet would take for a formula, as text."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
+
+
+def _title(rows: Sequence[Row]) -> str:
+    scenarios = ", ".join(dict.fromkeys(row.run.scenario for row in rows))
+    runs = len({row.run.path for row in rows})
+    return f"{scenarios} · {runs} run director{'ies' if runs > 1 else 'y'}"
+
+
+def _heading(metric: Metric, units: set[str]) -> str:
+    name, component = metric
+    unit = f" [{next(iter(units))}]" if len(units) == 1 and units != {""} and name not in _COUNTS else ""
+    return f"{_SPOKEN.get(name, name)}{'' if component == 'all' else f' {component}'}{unit}"
+
+
+def _cell(row: Row, metric: Metric, with_unit: bool) -> str:
+    if metric == VERDICT:
+        return row.verdict
+    one = row.metrics.get(metric)
+    if one is None or one.found.value != one.found.value:
+        return ""
+    if metric[0] in _COUNTS:
+        return f"{one.found.value:.0f} of {one.found.n}"
+    return f"{bracketed(one.found)}{f' {one.unit}' if with_unit else ''}"

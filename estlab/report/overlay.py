@@ -1,0 +1,115 @@
+"""Several runs over time in one picture."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estlab import rundir
+from estlab.archive.finished import table
+from estlab.archive.rows import Row
+from estlab.errors import UserError, printable
+from estlab.report.plots import broken_at_gaps, legend_below, logarithmic, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C9")
+_STYLES = tuple(product(("-", "--", ":"), _COLOURS))
+MOST = len(_STYLES)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """A row's tables over time. errors: time, component, unit, rmse. nees: time, anees, lower, upper."""
+
+    label: str
+    errors: "DataFrame"
+    nees: "DataFrame"
+
+
+def curves_of(rows: Sequence[Row]) -> tuple[list[Curves], list[str]]:
+    """The curves of each row that has two steps or more, and what could not be read."""
+    found, unread = [], []
+    read: dict[Any, Any] = {}
+    for number, row in enumerate(rows, 1):
+        path = row.run.path
+        try:
+            if path not in read:
+                errors = table(path, rundir.ERRORS, ("filter", "component", "unit"), ("time", "rmse"))
+                nees = table(path, rundir.NEES, ("filter",), ("time", "anees", "lower", "upper"))
+                read[path] = errors, nees
+        except UserError as error:
+            read[path] = None
+            unread.append(str(error))
+        if read[path]:
+            mine = [one[one["filter"] == row.filter] for one in read[path]]
+            if mine[0]["time"].nunique() > 1:
+                found.append(Curves(f"{number}  {row.label}", *mine))
+    return found, unread
+
+
+def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
+    """RMSE over the runs at each time, a panel a component (the position's in it), and NEES / n with its band.
+
+    components: those chosen; the position, or none, means all.
+    """
+    chosen = [name for name in components if name != "position"]
+    panels = _panels(curves, chosen if len(chosen) == len(components) else [])
+    figure, axes = new_figure(len(panels) + 1, "", 1.9)
+    for axis, (component, unit) in zip(axes, panels, strict=False):
+        for one, (style, colour) in zip(curves, _STYLES, strict=False):
+            lines = one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)]
+            _line(axis, lines, "rmse", style, colour, one.label)
+        _scale(axis)
+        axis.set_ylabel(printable(f"RMSE {component}" + (f" [{unit}]" if unit else "")), parse_math=False)
+    _draw_nees(axes[-1], curves)
+    axes[-1].set_xlabel("time [s]")
+    legend_below(figure, axes[-1])
+    return figure
+
+
+def _panels(curves: Sequence[Curves], chosen: Sequence[str]) -> list[tuple[str, str]]:
+    found = [
+        (component, unit)
+        for one in curves
+        for component, unit in one.errors[["component", "unit"]].drop_duplicates().itertuples(index=False)
+    ]
+    return [panel for panel in dict.fromkeys(found) if not chosen or panel[0] in chosen]
+
+
+def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
+    """NEES / n, and the band of a consistent filter: of the first row, where it is not the same for all."""
+    for one, (style, colour) in zip(curves, _STYLES, strict=False):
+        _line(axes, one.nees, "anees", style, colour, one.label)
+    bands = [one.nees[["time", "lower", "upper"]].reset_index(drop=True) for one in curves]
+    alike = all(band.equals(bands[0]) for band in bands)
+    band = broken_at_gaps(bands[0])
+    label = "95 % of a consistent filter" + ("" if alike else f", row {curves[0].label.split()[0]}")
+    axes.fill_between(band["time"], band["lower"], band["upper"], color="0.6", alpha=0.35, lw=0, label=label)
+    axes.axhline(1.0, color="0.4", lw=0.8)
+    _scale(axes)
+    axes.set_ylabel("NEES / n")
+
+
+def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
+    lines = broken_at_gaps(lines)
+    # A dollar would begin a formula.
+    said = textwrap.shorten(printable(label).replace("$", r"\$"), 90, placeholder=" …")
+    axes.plot(lines["time"], lines[column].where(lines[column] > 0.0), style, color=colour, lw=1.1, label=said)
+
+
+def _scale(axes: "Axes") -> None:
+    """A logarithmic axis of what is drawn, but for a hundredth at each end where one filter loses its way."""
+    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()])
+    drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
+    if drawn.size:
+        low, high = 0.8 * float(np.quantile(drawn, 0.002)), 1.25 * float(np.quantile(drawn, 0.998))
+        axes.set_yscale("log")
+        axes.set_ylim(low, high)
+        logarithmic(axes.yaxis, low, high)
