@@ -20,6 +20,7 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
   estlab verify                            run every experiment that says what it finds, and hold it to that
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
+  estlab report DIR [DIR ...]              draw report.html of a run or a sweep again, from its directory alone
   estlab list [scenarios|filters|experiments]  what there is
   estlab run --help                        every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
@@ -27,7 +28,7 @@ estlab: a command-line laboratory for nonlinear state estimation
 Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration, 130 interrupted.
 """
 
-_COMMANDS = ("run", "sweep", "verify", "simulate", "list")
+_COMMANDS = ("run", "sweep", "verify", "simulate", "report", "list")
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
 
@@ -74,6 +75,10 @@ def _dispatch(arguments: list[str]) -> int:
             raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
         # It makes no run directory, so Hydra's is where the user stands.
         return launch(["hydra.run.dir=.", *rest], simulate_job)
+    elif command == "report":
+        from estlab.report.command import report
+
+        report(rest)
     elif command in ("-sc", "--shell-completion"):
         return _complete(rest)
     else:
@@ -124,6 +129,11 @@ def _complete(arguments: list[str]) -> int:
         return OK
     if words[1] == "list":
         print(" ".join(_GROUPS))
+        return OK
+    if words[1] == "report":
+        from estlab.report.command import folders
+
+        print(" ".join(folders("" if line.endswith(" ") else words[-1])))
         return OK
     if words[1] == "verify":
         from estlab.verify import experiment_files

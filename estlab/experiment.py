@@ -79,9 +79,11 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     filters = filters_of(settings, names)
     runs = settings.run_numbers
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
+    directory.describe(scenario=names.scenario, filters=list(filters))
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
     first = record_of(settings, names, next(blocks_of(settings)))
-    directory.describe(data=rundir.hashes(first.files), steps=first.time.size)
+    title = _title(names, filters, runs, first.time.size, settings.seed)
+    directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
     with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
         ensemble = estimated(settings, names, first, progress)
     directory.describe(seconds_per_run_and_step=ensemble.cost())
@@ -98,7 +100,6 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     _write_tables(settings, directory, ensemble, findings, bound)
     if compared:
         directory.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
-    title = _title(names, filters, runs, first.time.size, settings.seed)
     if settings.plots:
         with warnings.catch_warnings():
             # An ensemble of which nothing is left has pictures without a curve.

@@ -35,6 +35,7 @@ _TOLD = (
     "seed=",
     "data",
     "plots=",
+    "report=",
     "output=",
     "plugins=",
     "keep_runs=",
@@ -127,11 +128,26 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
         message = _reason(error, folder / rundir.LOG)
         directory.finish("failed", message)
         return complain(message, USAGE if isinstance(error, UserError) else FAILED)
-    if told:
-        told(findings)
-    unmet = expectations.unmet(findings)
-    directory.finish("failed" if unmet else "ok", unmet)
-    return complain(unmet, FAILED) if unmet else OK
+    else:
+        if told:
+            told(findings)
+        unmet = expectations.unmet(findings)
+        directory.finish("failed" if unmet else "ok", unmet)
+        return complain(unmet, FAILED) if unmet else OK
+    finally:
+        # Last, since it shows the status too.
+        if settings.report:
+            _write_page(folder)
+
+
+def _write_page(folder: Path) -> None:
+    """Write report.html. A disk without room for it does not spoil a run that is done."""
+    from estlab.report import page
+
+    try:
+        page.write(folder)
+    except OSError as error:
+        complain(f"{error.filename}: {error.strerror}; the rest is whole, draw it later with estlab report {folder}")
 
 
 def simulate_job(config: "DictConfig") -> int:
