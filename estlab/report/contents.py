@@ -46,10 +46,10 @@ class Contents:
         Raises UnusableError for a file that is missing, cannot be read, is a link or no regular file.
         """
         path = self.path / name
-        if any((self.path / folder).is_symlink() for folder in Path(name).parents):
+        if any((self.path / folder).is_symlink() for folder in list(Path(name).parents)[:-1]):
             raise UnusableError(f"{name} lies in a folder that is a link, which is not followed.")
         try:
-            # A pipe of a stranger's must not hold us up.
+            # A stranger's pipe must not hold us up.
             handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         except FileNotFoundError as error:
             raise UnusableError(f"{name} is missing.") from error
@@ -57,16 +57,18 @@ class Contents:
             link = path.is_symlink()
             why = "is a link, which is not followed" if link else f"cannot be read ({error.strerror})"
             raise UnusableError(f"{name} {why}.") from error
-        with open(handle, "rb") as stream:
+        try:
             facts = os.fstat(handle)
             if not stat.S_ISREG(facts.st_mode):
                 raise UnusableError(f"{name} is no regular file.")
-            if last and facts.st_size > most:
-                stream.seek(facts.st_size - most)
-            try:
+            start = max(0, facts.st_size - most) if last else 0
+            with open(handle, "rb", closefd=False) as stream:
+                stream.seek(start)
                 return stream.read(most), facts.st_size > most
-            except OSError as error:
-                raise UnusableError(f"{name} cannot be read ({error.strerror}).") from error
+        except OSError as error:
+            raise UnusableError(f"{name} cannot be read ({error.strerror}).") from error
+        finally:
+            os.close(handle)
 
     def text(self, name: str, most: int = _BYTES, last: bool = False) -> tuple[str, str]:
         """A file's text and a remark where it is cut.

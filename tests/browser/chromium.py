@@ -7,11 +7,22 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from base64 import b64decode
 from pathlib import Path
 
 _PATIENCE = 60.0  # seconds
+
+# A browser reads from its descriptor 3 and writes to 4.
+_START = """
+import os, sys
+from fcntl import F_DUPFD, fcntl
+read, write = (fcntl(int(number), F_DUPFD, 10) for number in sys.argv[1:3])
+os.dup2(read, 3)
+os.dup2(write, 4)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 def found() -> str | None:
@@ -25,11 +36,18 @@ class Chromium:
 
     def __init__(self, program: str, folder: Path) -> None:
         from_us, to_us = os.pipe(), os.pipe()
-        # The browser reads from its descriptor 3 and writes to 4; the shell puts ours there.
-        flags = f"--headless --no-sandbox --disable-gpu --remote-debugging-pipe --user-data-dir={folder}"
-        script = f'exec "$0" {flags} about:blank 3<&{from_us[0]} 4>&{to_us[1]}'
+        flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-pipe"]
         self.process = subprocess.Popen(
-            ["sh", "-c", script, program],
+            [
+                sys.executable,
+                "-c",
+                _START,
+                str(from_us[0]),
+                str(to_us[1]),
+                program,
+                *flags,
+                f"--user-data-dir={folder}",
+            ],
             pass_fds=(from_us[0], to_us[1]),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -39,6 +57,13 @@ class Chromium:
         self._write, self._read = from_us[1], to_us[0]
         self._numbers, self._buffer, self.session = itertools.count(1), b"", None
         self.events: list[dict] = []
+        try:
+            self._open_tab()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open_tab(self) -> None:
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self.session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Network", "Log", "Runtime"):
