@@ -36,7 +36,7 @@ def status(folder: Path) -> dict:
 def test_help_and_version_name_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "list"))
+    assert all(f"estlab {command}" in text for command in ("run", "sweep", "verify", "simulate", "report", "list"))
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
@@ -67,7 +67,7 @@ def test_a_run_writes_everything_the_contract_names(capsys):
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     tables = {"errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv", "estimates.npz"}
     tables |= {"tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
-    records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
+    records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt", "report.html"}
     assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
     assert status(folder)["status"] == "ok"
 
