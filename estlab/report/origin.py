@@ -39,7 +39,11 @@ def title_of(contents: Contents) -> str:
         str(record.get("scenario") or "a run"),
         *([", ".join(map(str, filters))] if isinstance(filters, list) else []),
     ]
-    words += [f"{record[key]} {key}" for key in ("runs", "steps") if key in record]
+    words += [
+        f"{record[key]} {key.removesuffix('s') if record[key] == 1 else key}"
+        for key in ("runs", "steps")
+        if key in record
+    ]
     return " · ".join([*words, *([f"seed {record['seed']}"] if "seed" in record else [])])[:500]
 
 

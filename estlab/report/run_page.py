@@ -20,17 +20,23 @@ def run_page(contents: Contents) -> parts.Page:
     """Everything that a run left."""
     run = _Run(contents)
     title = title_of(contents)
+    figures = any(map(contents.has, (rundir.METRICS, rundir.TESTS, rundir.VERDICTS, rundir.COVERAGE)))
     sections: list[tuple[str, str, Make, bool]] = [
-        ("verdicts", "Verdicts", run.verdicts, True),
+        (
+            "verdicts",
+            "Verdicts",
+            run.verdicts if figures else lambda: note("The run did not come to its figures."),
+            True,
+        ),
         ("warnings", "Warnings", run.warnings, bool(parts.warnings(contents))),
-        ("errors", "Errors", run.errors, True),
-        ("tests", "Is it consistent?", run.tests, True),
+        ("errors", "Errors", run.errors, figures),
+        ("tests", "Is it consistent?", run.tests, figures),
         ("comparison", "Who is better?", run.comparison, contents.has(rundir.COMPARISON)),
-        ("coverage", "Coverage", run.coverage, True),
+        ("coverage", "Coverage", run.coverage, figures),
         ("expectations", "Expectations", run.expectations, contents.has(rundir.EXPECTATIONS)),
         ("own", "The problem's own table", run.own, run.own_name is not None),
         ("plots", "Plots", lambda: parts.plots(contents, title), True),
-        ("metrics", "All metrics", run.metrics, True),
+        ("metrics", "All metrics", run.metrics, figures),
         ("configuration", "Configuration", lambda: configuration(contents), True),
         ("provenance", "Provenance", lambda: provenance(contents), True),
         ("files", "Files", lambda: files(contents), True),

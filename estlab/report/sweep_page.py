@@ -67,9 +67,9 @@ class _Sweep:
         rows = []
         for key in self.keys:
             values = list(dict.fromkeys(found[key] for _, found in self.planned if key in found))
-            rows.append((key, str(len(values)), ", ".join(values)))
+            rows.append((key, ", ".join(values), Cell(str(len(values)), len(values))))
         typed = [tag("p", "Typed:"), tag("ul", [tag("li", tag("code", word)) for word in words])] if words else None
-        swept = tag("div", table("Keys with several values", ("key", "values", "which"), rows), class_="prose")
+        swept = tag("div", table("Keys with several values", ("key", "values", "how many"), rows), class_="prose")
         return join([swept if rows else note("No key has several values."), typed])
 
     def jobs(self) -> Html:
@@ -113,10 +113,10 @@ class _Sweep:
         if not found.rows:
             return tag("p", "No job failed.")
         rows = [
-            (self._job(row.get("job", "")), _value(row.get("attempt", "")), row.get("status", ""), row.get("error", ""))
+            (self._job(row.get("job", "")), row.get("error", ""), row.get("status", ""), _value(row.get("attempt", "")))
             for row in found.rows
         ]
-        shown = table("Each attempt that failed, with its error", ("job", "attempt", "status", "error"), rows)
+        shown = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
         return join([tag("div", shown, class_="prose"), note(found.remark)])
 
     def _job(self, name: str) -> Html:

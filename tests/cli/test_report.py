@@ -118,6 +118,16 @@ def test_a_failed_run_says_why_on_its_page():
     assert any("plots=true draws them" in text for text in shown.texts["p"])
 
 
+def test_a_run_that_came_to_nothing_says_so_once():
+    words = ["scenario=landmark", "data=files", "data.path=nowhere", "hydra.run.dir=out", "output=."]
+    assert main(["run", *words]) == 2
+    shown = read("out")
+    assert shown.texts["h1"] == ["landmark · ukf · 1 run · seed 1"]
+    assert "data.path: no folder nowhere" in shown.texts["p"]
+    assert "The run did not come to its figures." in shown.texts["p"]
+    assert not any("is missing" in said for said in shown.texts["p"])
+
+
 def test_runs_write_no_page_where_none_is_asked_for():
     assert main(["run", "report=false", *TINY, "plots=false", "hydra.run.dir=out", "output=."]) == 0
     assert main(["sweep", "filter=ekf,ukf", *TINY, "plots=false", "hydra.sweep.dir=swept", "output=."]) == 0
