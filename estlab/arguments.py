@@ -40,19 +40,20 @@ def prepared(arguments: list[str]) -> list[str]:
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
         _check_engine(argument)
-    return _without_the_files_expectations(_expectations(_several_filters(arguments)))
+    return _of_a_sweep(_expectations(_several_filters(arguments)))
 
 
-def _without_the_files_expectations(arguments: list[str]) -> list[str]:
+def _of_a_sweep(arguments: list[str]) -> list[str]:
     """In a sweep, what is typed alone is expected: a file's expectations are of its own values, not of those swept.
 
-    The switch stands before the first key, since Hydra takes no flag between keys, and what is typed adds to it.
+    Nor has each job a page, if none is asked for. The switches stand before the first key, since Hydra takes no flag
+    between keys, and what is typed adds to them.
     """
     sweep = any(re.fullmatch(r"-m|--multirun|\+*hydra\.mode=.*MULTIRUN.*", argument) for argument in arguments)
     first = next((i for i, argument in enumerate(arguments) if re.match(r"[^-].*=|~", argument)), None)
     if not sweep or first is None:
         return arguments
-    return [*arguments[:first], "expect=null", *arguments[first:]]
+    return [*arguments[:first], "expect=null", "report=false", *arguments[first:]]
 
 
 def _expectations(arguments: list[str]) -> list[str]:

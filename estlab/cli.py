@@ -25,6 +25,7 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab rerun DIR                         a run again from its own directory: are the figures the same?
   estlab clean                             list the runs that failed or stopped; --yes deletes them
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
+  estlab report DIR [DIR ...]              draw report.html of a run or a sweep again, from its directory alone
   estlab list [scenarios|filters|experiments]  what there is
   estlab run --help                        every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
@@ -33,7 +34,7 @@ Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usag
 3 some jobs of a sweep failed, 130 interrupted.
 """
 
-_COMMANDS = ("run", "sweep", "verify", "compare", "rerun", "clean", "simulate", "list")
+_COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
 _OF_DIRECTORIES = ("compare", "rerun", "clean")
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
@@ -97,6 +98,10 @@ def _dispatch(arguments: list[str]) -> int:
             raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
         # It makes no run directory, so Hydra's is where the user stands.
         return launch(["hydra.run.dir=.", *rest], simulate_job)
+    elif command == "report":
+        from estlab.report.command import report
+
+        report(rest)
     elif command in ("-sc", "--shell-completion"):
         return _complete(rest)
     else:
@@ -150,6 +155,11 @@ def _complete(arguments: list[str]) -> int:
         return OK
     if words[1] in _OF_DIRECTORIES:
         return OK  # the shell goes on with files and folders
+    if words[1] == "report":
+        from estlab.report.command import folders
+
+        print(" ".join(folders("" if line.endswith(" ") else words[-1])))
+        return OK
     if words[1] == "verify":
         from estlab.verify import experiment_files
 

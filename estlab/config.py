@@ -81,6 +81,7 @@ class Settings:
     smooth: bool
     verdict: Tolerance
     plots: bool
+    report: bool
     output: str
     plugins: list[str]
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing

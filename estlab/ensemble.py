@@ -35,7 +35,7 @@ class Names:
 
 @dataclass(frozen=True)
 class Totals:
-    """Of runs: a tally for each set of estimates by name, filters compared, the first runs one by one, records' sums."""
+    """Of runs: a tally for each set of estimates by name, filters compared, the first runs one by one, further sums."""
 
     tallies: dict[str, Tally]
     comparison: Comparison

@@ -80,9 +80,11 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     filters = filters_of(settings, names)
     runs = settings.run_numbers
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
-    directory.describe(names=asdict(names), command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
+    directory.describe(names=asdict(names), scenario=names.scenario, filters=list(filters))
+    directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
     first = record_of(settings, names, next(blocks_of(settings)))
-    directory.describe(data=rundir.hashes(first.files), steps=first.time.size)
+    title = _title(names, filters, runs, first.time.size, settings.seed)
+    directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
     if settings.parts:
         ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
     else:
@@ -105,7 +107,6 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     _write_tables(settings, directory, ensemble, findings, bound)
     if compared:
         directory.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
-    title = _title(names, filters, runs, first.time.size, settings.seed)
     if settings.plots:
         with warnings.catch_warnings():
             # An ensemble of which nothing is left has pictures without a curve.

@@ -36,6 +36,7 @@ _TOLD = (
     "seed=",
     "data",
     "plots=",
+    "report=",
     "output=",
     "plugins=",
     "keep_runs=",
@@ -126,13 +127,13 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
             told(findings)
         return expectations.unmet(findings)
 
-    return concluded(directory, work)
+    return concluded(directory, work, settings.report and settings.part is None)
 
 
-def concluded(directory: "RunDirectory", work: Callable[[], str]) -> int:
+def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) -> int:
     """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
 
-    work: gives what was expected and not found, nothing if all was.
+    work: gives what was expected and not found, nothing if all was. page: whether to write report.html.
     """
     try:
         with directory.logged():
@@ -145,8 +146,23 @@ def concluded(directory: "RunDirectory", work: Callable[[], str]) -> int:
         code = USAGE if isinstance(error, UserError) else FAILED
         directory.finish("failed", message, code)
         return complain(message, code)
-    directory.finish("failed" if unmet else "ok", unmet, FAILED if unmet else OK)
-    return complain(unmet, FAILED) if unmet else OK
+    else:
+        directory.finish("failed" if unmet else "ok", unmet, FAILED if unmet else OK)
+        return complain(unmet, FAILED) if unmet else OK
+    finally:
+        # Last, since it shows the status too.
+        if page:
+            write_page(directory.path)
+
+
+def write_page(folder: Path) -> None:
+    """Write report.html. A disk without room for it does not spoil a run that is done."""
+    from estlab.report import page
+
+    try:
+        page.write(folder)
+    except OSError as error:
+        complain(f"{error.filename}: {error.strerror}; the rest is whole, draw it later with estlab report {folder}")
 
 
 def simulate_job(config: "DictConfig") -> int:

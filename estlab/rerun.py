@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,8 @@ def rerun(arguments: Sequence[str]) -> int:
         complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
     directory = rundir.RunDirectory(_place(wanted, before))
     origin = str(before.path.resolve())
-    code = concluded(directory, lambda: _work(directory, origin, config, typed, settings, names, list(arguments)))
+    work = partial(_work, directory, origin, config, typed, settings, names, list(arguments))
+    code = concluded(directory, work, settings.report)
     if finished.unfinished(directory.path, finished.status(directory.path)):
         return code
     return FAILED if why else _compare(before, finished.read(directory.path))

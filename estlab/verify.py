@@ -21,8 +21,9 @@ HELP = """\
 estlab verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]
 
 Runs every experiment whose file has an expect block, or those named, and holds each to it. The runs stand side by
-side below one folder, <output>/<date>/<time>_verify/, without plots; at the end one table says what was expected and
-what was found. key=value holds for every run: estlab verify seed=2 asks whether the answers hang on the seed.
+side below one folder, <output>/<date>/<time>_verify/, without plots and pages; at the end one table says what was
+expected and what was found. key=value holds for every run: estlab verify seed=2 asks whether the answers hang on the
+seed.
 
 Exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted.
 """
@@ -55,7 +56,7 @@ def verify(arguments: list[str]) -> int:
     names, keys, config_dir = _read(arguments)
     experiments = _chosen(names, experiment_files(config_dir))
     # Flags before keys, where Hydra sees them.
-    before, after = ["--config-dir", str(config_dir)] if config_dir else [], ["plots=false", *keys]
+    before, after = ["--config-dir", str(config_dir)] if config_dir else [], ["plots=false", "report=false", *keys]
     stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}_verify"
     out, outcomes = console(), []
     width = max(map(len, experiments))

@@ -53,7 +53,7 @@ class Job:
             return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
 
         with _output(directory):
-            return concluded(directory, work)
+            return concluded(directory, work, bool(self.plain["report"]) and self.plain["part"] is None)
 
 
 def task(config: "DictConfig") -> int:

@@ -20,7 +20,7 @@ from estlab.errors import UserError
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
 
 # What may change between a job and its repetition without changing a figure of it.
-_NO_MATTER = ("output", "plots", "sweep")
+_NO_MATTER = ("output", "plots", "report", "sweep")
 
 State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from estlab import rundir
 from estlab.config import sweep_settings
 from estlab.errors import UserError
-from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain
+from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain, write_page
 from estlab.sweeps import jobs, state, table, told
 from estlab.sweeps.progress import watched
 from estlab.sweeps.rounds import Rounds
@@ -67,6 +67,7 @@ class Sweep:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
         told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
+        write_page(self.directory)
         if interrupted:
             complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
         return code

@@ -53,7 +53,7 @@ def _common(planned: Sequence[Planned]) -> str:
     """What is typed for every job, but for what changes no figure of it."""
     words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
     return " ".join(
-        word for word in words if not word.startswith(("sweep.", "plots=", "output=", "expect", "++expect"))
+        word for word in words if not word.startswith(("sweep.", "plots=", "report=", "output=", "expect", "++expect"))
     )
 
 

@@ -17,13 +17,16 @@ _FAILURES = 20
 
 _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
 
+# What a sweep adds to each job by itself.
+_OURS = ("expect=null", "report=false")
+
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
     out = console()
     width = max(len(job.name) for job in planned)
     for job in planned:
-        words = [word for word in job.overrides if word != "expect=null" and not word.startswith("sweep.")]
+        words = [word for word in job.overrides if word not in _OURS and not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
     left = sum(outcome.state != "ok" for outcome in outcomes.values())

@@ -18,7 +18,7 @@ from estlab.filters.loop import Loop
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
-COMMANDS = ("run", "sweep", "verify", "compare", "rerun", "clean", "simulate", "list")
+COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +68,7 @@ def test_a_run_writes_everything_the_contract_names(capsys):
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     tables = {"errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv", "estimates.npz"}
     tables |= {"runs.csv", "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"}
-    records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt"}
+    records = {"config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt", "report.html"}
     assert files == tables | records | {f"plots/{name}.png" for name in ("errors", "nees", "nis", "trajectory")}
     assert status(folder)["status"] == "ok"
 

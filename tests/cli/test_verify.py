@@ -159,9 +159,9 @@ def test_verify_runs_each_experiment_and_one_that_fails_stops_no_other(mine, cap
     folder = Path(out.split()[-1])
     assert {path.name for path in folder.iterdir()} == {"meets", "misses", "breaks"}
     assert json.loads((folder / "misses" / "status.json").read_text())["status"] == "failed"
-    assert not list(folder.rglob("plots"))
+    assert not list(folder.rglob("plots")) and not list(folder.rglob("report.html"))
     command = json.loads((folder / "meets" / "run.json").read_text())["command"]
-    assert command == ["estlab", "run", "--config-dir", "mine", "+experiment=meets", "plots=false"]
+    assert command == ["estlab", "run", "--config-dir", "mine", "+experiment=meets", "plots=false", "report=false"]
 
 
 def test_verify_of_a_named_experiment_with_keys_of_ones_own(mine, capsys):

@@ -1,0 +1,183 @@
+"""What a directory holds, read as data: bounded, through no link, and nothing in it is imported or run."""
+
+import csv
+import io
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any, NamedTuple
+
+_BYTES = 4 * 2**20  # of a text file that are read
+_PLOT_BYTES = 8 * 2**20
+_ROWS = 5000
+_PLOTS = 60
+_FILES = 500
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+class UnusableError(Exception):
+    """A file that is missing or no good, in a sentence for the page."""
+
+
+class Table(NamedTuple):
+    """Rows of a CSV file as text, and a remark where some are left out."""
+
+    rows: list[dict[str, str]]
+    remark: str = ""
+
+
+class File(NamedTuple):
+    """Path below the directory, and bytes."""
+
+    name: str
+    size: int
+
+
+class Contents:
+    """The files of one directory."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def content(self, name: str, most: int, last: bool = False) -> tuple[bytes, bool]:
+        """The first (or last) bytes of a file, and whether that is less than all.
+
+        Raises UnusableError for a file that is missing, cannot be read, is a link or no regular file.
+        """
+        path = self.path / name
+        if any((self.path / folder).is_symlink() for folder in list(Path(name).parents)[:-1]):
+            raise UnusableError(f"{name} lies in a folder that is a link, which is not followed.")
+        try:
+            # A stranger's pipe must not hold us up.
+            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except FileNotFoundError as error:
+            raise UnusableError(f"{name} is missing.") from error
+        except OSError as error:
+            link = path.is_symlink()
+            why = "is a link, which is not followed" if link else f"cannot be read ({error.strerror})"
+            raise UnusableError(f"{name} {why}.") from error
+        try:
+            facts = os.fstat(handle)
+            if not stat.S_ISREG(facts.st_mode):
+                raise UnusableError(f"{name} is no regular file.")
+            start = max(0, facts.st_size - most) if last else 0
+            with open(handle, "rb", closefd=False) as stream:
+                stream.seek(start)
+                return stream.read(most), facts.st_size > most
+        except OSError as error:
+            raise UnusableError(f"{name} cannot be read ({error.strerror}).") from error
+        finally:
+            os.close(handle)
+
+    def text(self, name: str, most: int = _BYTES, last: bool = False) -> tuple[str, str]:
+        """A file's text and a remark where it is cut.
+
+        Raises UnusableError like :meth:`content`.
+        """
+        content, cut = self.content(name, most, last)
+        remark = f"Only the {'last' if last else 'first'} {size(most)} of {name} are shown." if cut else ""
+        return content.decode("utf-8", "replace"), remark
+
+    def table(self, name: str) -> Table:
+        """A CSV file.
+
+        Raises UnusableError for one that is missing or is no table.
+        """
+        text, cut = self.text(name)
+        whole = text.rpartition("\n")[0] if cut else text
+        rows: list[dict[str, str]] = []
+        try:
+            reader = csv.DictReader(io.StringIO(whole, newline=""))
+            headings = reader.fieldnames or []
+            for cells in reader:
+                if len(rows) == _ROWS:
+                    cut = "more"
+                    break
+                rows.append({heading: cells.get(heading) or "" for heading in headings})
+        except csv.Error as error:
+            raise UnusableError(f"{name} cannot be read as a table ({error}).") from error
+        if not headings:
+            raise UnusableError(f"{name} is empty.")
+        return Table(rows, f"Only the first {len(rows)} rows of {name} are shown." if cut else "")
+
+    def record(self, name: str) -> dict[str, Any]:
+        """A JSON file that holds an object.
+
+        Raises UnusableError for one that is missing or holds none.
+        """
+        text, _ = self.text(name)
+        try:
+            found = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise UnusableError(f"{name} cannot be read as JSON.") from error
+        if not isinstance(found, dict):
+            raise UnusableError(f"{name} holds no object.")
+        return found
+
+    def plots(self, folder: str) -> tuple[dict[str, bytes], list[str]]:
+        """The PNG files of a folder by name, and a remark for each that is left out."""
+        if (self.path / folder).is_symlink():
+            return {}, [f"{folder}/ is a link, which is not followed."]
+        try:
+            names = sorted(path.name for path in (self.path / folder).iterdir() if path.suffix == ".png")
+        except OSError:
+            return {}, []
+        found, remarks = {}, []
+        for name in names[:_PLOTS]:
+            try:
+                content, cut = self.content(f"{folder}/{name}", _PLOT_BYTES)
+            except UnusableError as error:
+                remarks.append(str(error))
+                continue
+            if cut or not content.startswith(_PNG):
+                remarks.append(f"{folder}/{name} is {'too large' if cut else 'no PNG picture'} and is left out.")
+            else:
+                found[name] = content
+        if len(names) > _PLOTS:
+            remarks.append(f"{len(names) - _PLOTS} more plots are in {folder}/.")
+        return found, remarks
+
+    def files(self, *folders: str) -> list[File]:
+        """The regular files of the directory and of these folders in it, by name; hidden ones and links left out."""
+        found = []
+        for folder in ("", *folders):
+            if folder and (self.path / folder).is_symlink():
+                continue
+            try:
+                with os.scandir(self.path / folder) as entries:
+                    for entry in entries:
+                        if entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
+                            name = f"{folder}/{entry.name}" if folder else entry.name
+                            found.append(File(name, entry.stat(follow_symlinks=False).st_size))
+            except OSError:
+                continue
+        return sorted(found)[:_FILES]
+
+    def has(self, name: str) -> bool:
+        """Whether there is something of this name, if only a link to nowhere."""
+        try:
+            return os.path.lexists(self.path / name)
+        except ValueError:
+            return False
+
+    def is_folder(self, name: str) -> bool:
+        """Whether a name is that of a folder in the directory itself, and no link."""
+        path = self.path / name
+        return Path(name).name == name and name not in ("", ".", "..") and path.is_dir() and not path.is_symlink()
+
+
+def size(count: int) -> str:
+    """Bytes in words."""
+    for unit, scale in (("MB", 2**20), ("kB", 2**10)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count} bytes"
+
+
+def as_number(text: str | None) -> float:
+    """A cell's number; NaN if it holds none."""
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")

@@ -1,0 +1,91 @@
+"""HTML from values. Every text is escaped; what is markup already says so by its type."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import NamedTuple
+from urllib.parse import quote
+
+_VOID = frozenset({"img", "meta", "link", "br"})
+# Control characters and halves of surrogate pairs are no HTML, and the latter no UTF-8.
+_REPLACED = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160), *range(0xD800, 0xE000)), "\ufffd")
+
+
+class Html(str):
+    """Text that is markup already."""
+
+
+Content = str | None | Iterable["Content"]
+
+
+class Cell(NamedTuple):
+    """What a cell shows, and the number that it is sorted by."""
+
+    shown: str
+    number: float = float("nan")
+
+
+def text(content: str) -> Html:
+    """A text escaped, for content and attributes alike."""
+    return Html(escape(content.translate(_REPLACED), quote=True))
+
+
+def join(content: Content) -> Html:
+    """Markup of texts and markup in their order; nothing for None."""
+    if content is None or isinstance(content, Html):
+        return content or Html()
+    return text(content) if isinstance(content, str) else Html("".join(map(join, content)))
+
+
+def tag(name: str, *content: Content, **attributes: str | bool | None) -> Html:
+    """An element. Attributes: class_ is class, data_x is data-x, True is an attribute alone, None and False none."""
+    given = "".join(
+        f" {key.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{text(str(value))}"')
+        for key, value in attributes.items()
+        if value is not None and value is not False
+    )
+    return Html(f"<{name}{given}>" if name in _VOID else f"<{name}{given}>{join(content)}</{name}>")
+
+
+def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str | Cell]], filtered: bool = False) -> Html:
+    """A table in a box of its own to scroll in. The script makes its columns sortable and, if asked, its rows filtered.
+
+    Columns of cells with numbers stand to the right; the first column heads its row.
+    """
+    lines = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in rows]
+    numeric = [any(line[i].number == line[i].number for line in lines) for i in range(len(headings))]
+    head = [
+        tag("th", heading, scope="col", class_="number" if right else None)
+        for heading, right in zip(headings, numeric, strict=True)
+    ]
+    body = [
+        tag("tr", [_cell(cell, right, first=i == 0) for i, (cell, right) in enumerate(zip(line, numeric, strict=True))])
+        for line in lines
+    ]
+    content = tag("table", tag("caption", tag("span", caption)), tag("thead", tag("tr", head)), tag("tbody", body))
+    return tag("div", content, class_="box", role="region", aria_label=caption, tabindex="0", data_filtered=filtered)
+
+
+def _cell(cell: Cell, right: bool, first: bool) -> Html:
+    number = repr(float(cell.number)) if cell.number == cell.number else None
+    name, scope = ("th", "row") if first else ("td", None)
+    return tag(name, cell.shown, scope=scope, class_="number" if right else None, data_number=number)
+
+
+def section(name: str, heading: str, *content: Content) -> Html:
+    """A part of the page, with an anchor."""
+    return tag("section", tag("h2", heading, id=f"{name}-heading"), content, id=name, aria_labelledby=f"{name}-heading")
+
+
+def note(said: str) -> Html:
+    """A remark on what is not there; nothing for nothing."""
+    return tag("p", said, class_="note") if said else Html()
+
+
+def folded(summary: str, *content: Content) -> Html:
+    """What is shown when asked for."""
+    return tag("details", tag("summary", summary), content)
+
+
+def link(path: str, shown: str | None = None) -> Html:
+    """A link to a file below the page. The dot keeps a name such as javascript: from being a scheme."""
+    return tag("a", shown or path, href="./" + quote(path, safe="/", errors="replace"))

@@ -1,0 +1,219 @@
+"""The page of a run, from its directory alone."""
+
+from collections.abc import Callable
+
+from estlab import rundir
+from estlab.metrics.tally import CAUSES
+from estlab.metrics.verdict import CONSISTENT, LOST, UNDECIDED
+from estlab.report import parts
+from estlab.report.cells import Row, figure_cell, interval_cell, number_cell, p_cell, share_cell
+from estlab.report.contents import Contents, UnusableError, as_number
+from estlab.report.markup import Cell, Html, join, note, table, tag
+from estlab.report.origin import configuration, files, provenance, status_of, title_of
+
+_TESTS = {"nees": "NEES / {}", "nis": "NIS / {}", "bias": "bias {} [sigma]", "whiteness": "correlation of innovations"}
+
+Make = Callable[[], Html]
+
+
+def run_page(contents: Contents) -> parts.Page:
+    """Everything that a run left."""
+    run = _Run(contents)
+    title = title_of(contents)
+    figures = any(map(contents.has, (rundir.METRICS, rundir.TESTS, rundir.VERDICTS, rundir.COVERAGE)))
+    sections: list[tuple[str, str, Make, bool]] = [
+        (
+            "verdicts",
+            "Verdicts",
+            run.verdicts if figures else lambda: note("The run did not come to its figures."),
+            True,
+        ),
+        ("warnings", "Warnings", run.warnings, bool(parts.warnings(contents))),
+        ("errors", "Errors", run.errors, figures),
+        ("tests", "Is it consistent?", run.tests, figures),
+        ("comparison", "Who is better?", run.comparison, contents.has(rundir.COMPARISON)),
+        ("coverage", "Coverage", run.coverage, figures),
+        ("expectations", "Expectations", run.expectations, contents.has(rundir.EXPECTATIONS)),
+        ("own", "The problem's own table", run.own, run.own_name is not None),
+        ("plots", "Plots", lambda: parts.plots(contents, title), True),
+        ("metrics", "All metrics", run.metrics, figures),
+        ("configuration", "Configuration", lambda: configuration(contents), True),
+        ("provenance", "Provenance", lambda: provenance(contents), True),
+        ("files", "Files", lambda: files(contents), True),
+    ]
+    made = [(name, heading, parts.made(make)) for name, heading, make, there in sections if there]
+    return parts.Page(title, join([tag("h1", title), status_of(contents)]), made)
+
+
+class _Run:
+    """The parts of the page that come of tables. Each raises UnusableError for a table that is no good."""
+
+    def __init__(self, contents: Contents) -> None:
+        self.contents = contents
+        try:
+            rows = contents.table(rundir.METRICS).rows
+        except UnusableError:
+            rows = []
+        self.found = {(row.get("filter", ""), row.get("metric", ""), row.get("component", "")): row for row in rows}
+        self.filters = list(dict.fromkeys(filter for filter, _, _ in self.found))
+        # The heading of a column of filters, which there is if there are several.
+        self.filter = ["filter"] if len(self.filters) != 1 else []
+
+    def named(self, filter: str) -> list[str]:
+        """The cell of a filter, under the heading of the filters."""
+        return [filter] if self.filter else []
+
+    @property
+    def own_name(self) -> str | None:
+        """The problem's own table, <scenario>.csv, if there is one."""
+        try:
+            name = f"{self.contents.record(rundir.RUN).get('scenario')}.csv"
+        except UnusableError:
+            return None
+        return name if "/" not in name and self.contents.has(name) else None
+
+    def verdicts(self) -> Html:
+        items = [self._verdict(row) for row in self.contents.table(rundir.VERDICTS).rows]
+        return tag("ul", items, class_="verdicts")
+
+    def _verdict(self, row: Row) -> Html:
+        filter, word = row.get("filter", ""), row.get("word", "")
+        kind, sign = {CONSISTENT: ("good", "✓"), UNDECIDED: ("doubt", "?")}.get(word, ("bad", "✗"))
+        badge = tag("span", f"{sign} {word}", class_=f"word {kind}")
+        said = tag("p", tag("strong", filter), f" is {row.get('sentence', '')}")
+        return tag("li", badge, said, note("" if word == LOST else self._diverged(filter)))
+
+    def _diverged(self, filter: str) -> str:
+        row = self.found.get((filter, "diverged", "all"))
+        if row is None:
+            return ""
+        causes = [(cause.replace("_", " "), self.found.get((filter, cause, "all"))) for cause in CAUSES]
+        why = [f"{figure_cell(found).shown} {cause}" for cause, found in causes if found and as_number(found["value"])]
+        return f"{figure_cell(row).shown} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
+
+    def warnings(self) -> Html:
+        return tag("ul", [tag("li", line) for line in parts.warnings(self.contents)])
+
+    def errors(self) -> Html:
+        self.contents.table(rundir.METRICS)
+        components = list(dict.fromkeys(component for _, metric, component in self.found if metric == "rmse"))
+        found = [
+            (filter, name) for name in components for filter in self.filters if (filter, "rmse", name) in self.found
+        ]
+        lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
+        bounded = any(metric == "efficiency" for _, metric, _ in self.found)
+        headings = ["component", *self.filter, "RMSE", "95 % interval", *["of converged runs"] * lost]
+        headings += [*["bound / RMSE"] * bounded, "median |error|", "mean sigma", "inside 3 sigma", "time scored"]
+        rows = []
+        for filter, name in found:
+            at = {
+                metric: row for (of, metric, component), row in self.found.items() if (of, component) == (filter, name)
+            }
+            unit = at["rmse"].get("unit", "")
+            cells: list[str | Cell] = [f"{name} [{unit}]", *self.named(filter), figure_cell(at["rmse"])]
+            cells += [interval_cell(at["rmse"]), *[figure_cell(at.get("rmse_converged"))] * lost]
+            cells += [figure_cell(at.get("efficiency"))] * bounded
+            cells += [figure_cell(at.get("median_abs_error")), figure_cell(at.get("mean_sigma"))]
+            cells += [share_cell(at.get("inside_3sigma")), share_cell(at.get("scored"))]
+            rows.append(cells)
+        return table("Root mean square errors over runs, with 95 % intervals", headings, rows)
+
+    def tests(self) -> Html:
+        found = self.contents.table(rundir.TESTS)
+        rows: list[list[str | Cell]] = []
+        for row in found.rows:
+            test, outcome = row.get("test", ""), row.get("outcome", "")
+            rows.append([*self.named(row.get("filter", "")), _TESTS.get(test, test).replace("{}", row.get("of", ""))])
+            rows[-1] += [figure_cell(row), interval_cell(row), number_cell(row.get("expected"))]
+            rows[-1] += [p_cell(row.get("p_holm")), f"✗ {outcome}" if outcome == "rejected" else outcome]
+        headings = (*self.filter, "test", "found", "95 % interval", "should be", "p, Holm", "outcome")
+        return join([table("Tests of consistency over the runs", headings, rows), note(found.remark)])
+
+    def comparison(self) -> Html:
+        found = self.contents.table(rundir.COMPARISON)
+        rows = [
+            (
+                row.get("filter", ""),
+                row.get("against", ""),
+                f"{row.get('component', '')} [{row.get('unit', '')}]",
+                figure_cell(row, "difference"),
+                interval_cell(row, "difference"),
+                p_cell(row.get("p_holm")),
+                {"True": "yes", "False": "no"}.get(row.get("real", ""), ""),
+                share_cell(row, "wins"),
+                number_cell(row.get("cost_ratio"), " ×"),
+            )
+            for row in found.rows
+        ]
+        headings = (
+            "filter",
+            "against",
+            "component",
+            "difference in RMSE",
+            "95 % interval",
+            "p, Holm",
+            "real?",
+            "better in",
+            "time to the other's",
+        )
+        caption = "Each pair of filters on the same truth and readings; a difference above zero: the first is worse"
+        return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
+
+    def coverage(self) -> Html:
+        found = self.contents.table(rundir.COVERAGE)
+        sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
+        lines: dict[tuple[str, ...], dict[str, Row]] = {}
+        for row in found.rows:
+            key = tuple(row.get(column, "") for column in ("component", *self.filter, "when"))
+            lines.setdefault(key, {})[row.get("sigmas", "")] = row
+        rows: list[list[str | Cell]] = []
+        for key, at in lines.items():
+            rows.append([*key])
+            for sigma, _ in sigmas:
+                rows[-1] += [share_cell(at.get(sigma), "share"), _percents(at.get(sigma))]
+        headings = ["component", *self.filter, "when"]
+        for sigma, nominal in sigmas:
+            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).shown})", "95 % interval"]
+        caption = "Shares within 1, 2 and 3 sigma; in brackets what a consistent filter has; all: jointly"
+        return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
+
+    def expectations(self) -> Html:
+        found = self.contents.table(rundir.EXPECTATIONS)
+        met = [row.get("met") == "True" for row in found.rows]
+        rows = [
+            (
+                row.get("filter", ""),
+                row.get("expectation", ""),
+                row.get("expected", ""),
+                figure_cell(row, "found"),
+                interval_cell(row, "found"),
+                "✓ met" if good else "✗ not met",
+            )
+            for row, good in zip(found.rows, met, strict=True)
+        ]
+        word = tag("span", f"{sum(met)} of {len(met)} met", class_=f"word {'good' if all(met) else 'bad'}")
+        headings = ("filter", "expectation", "expected", "found", "95 % interval", "outcome")
+        return join([tag("p", word), table("What the run was expected to find", headings, rows), note(found.remark)])
+
+    def own(self) -> Html:
+        name = str(self.own_name)
+        found = self.contents.table(name)
+        headings = list(found.rows[0]) if found.rows else []
+        rows = [[number_cell(row.get(heading)) for heading in headings] for row in found.rows]
+        return join([table(name, headings, rows, filtered=len(rows) > 10), note(found.remark)])
+
+    def metrics(self) -> Html:
+        found = self.contents.table(rundir.METRICS)
+        columns = (*self.filter, "metric", "component", "unit")
+        rows: list[list[str | Cell]] = []
+        for row in found.rows:
+            rows.append([*(row.get(column, "") for column in columns), figure_cell(row), interval_cell(row)])
+            rows[-1].append(number_cell(row.get("n")))
+        headings = (*columns, "value", "95 % interval", "runs")
+        return join([table("Every row of metrics.csv", headings, rows, filtered=True), note(found.remark)])
+
+
+def _percents(row: Row | None) -> Cell:
+    """An interval of shares."""
+    low, high = (as_number(row.get(key)) if row else float("nan") for key in ("ci_low", "ci_high"))
+    return Cell(f"{100.0 * low:.1f} to {100.0 * high:.1f} %", low) if low == low and high == high else Cell("")

@@ -1,0 +1,176 @@
+"""The page of a sweep, from its directory alone."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from estlab import rundir
+from estlab.report import parts
+from estlab.report.cells import Row, figure_cell, interval_cell, number_cell
+from estlab.report.contents import Contents, UnusableError
+from estlab.report.markup import Cell, Html, join, link, note, table, tag
+
+PLAN, SWEEP, GROUPS, FAILURES = "sweep.json", "sweep.csv", "groups.csv", "failures.csv"
+
+_HELD = {
+    PLAN: "the plan: the words typed and the jobs",
+    SWEEP: "a row a job and filter: swept values, status, every metric with its interval",
+    GROUPS: "means over repeats with intervals",
+    FAILURES: "each attempt that failed",
+}
+# The metrics that the table of jobs has room for; the rest is in sweep.csv.
+_SHOWN = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
+_ENDS = (".low", ".high")
+
+
+def sweep_page(contents: Contents) -> parts.Page:
+    """Everything that a sweep left."""
+    sweep = _Sweep(contents)
+    title = f"sweep · {len(sweep.counts)} jobs" + (f" · {' × '.join(sweep.keys)}" if sweep.keys else "")
+    head = [tag("h1", title), tag("p", [[parts.status(word), f" {count} "] for word, count in sweep.tallied()])]
+    sections: list[tuple[str, str, Callable[[], Html], bool]] = [
+        ("swept", "What was swept", sweep.swept, True),
+        ("failures", "Failures", sweep.failures, True),
+        ("jobs", "Jobs", sweep.jobs, True),
+        ("groups", "Repeats", sweep.groups, contents.has(GROUPS)),
+        ("plots", "Plots", lambda: parts.plots(contents, title), True),
+        ("files", "Files", lambda: parts.files(contents, _HELD), True),
+    ]
+    made = [(name, heading, parts.made(make)) for name, heading, make, there in sections if there]
+    return parts.Page(title, join(head), made)
+
+
+class _Sweep:
+    """The parts of the page. Each raises UnusableError for a file that is no good."""
+
+    def __init__(self, contents: Contents) -> None:
+        self.contents = contents
+        self.planned = _planned(contents)
+        self.keys = list(dict.fromkeys(key for _, values in self.planned for key in values))
+        # Each job's status: the table's, or of a sweep that was cut off, the job's own.
+        try:
+            self.counts = {row.get("job", ""): row.get("status", "") for row in contents.table(SWEEP).rows}
+        except UnusableError:
+            self.counts = {name: _status(contents, name) for name, _ in self.planned}
+
+    def tallied(self) -> list[tuple[str, int]]:
+        """How many jobs have which status, the good ones first."""
+        order = ("ok", "failed", "left")
+        return sorted(
+            Counter(self.counts.values()).items(), key=lambda pair: (*(pair[0] != word for word in order), pair)
+        )
+
+    def swept(self) -> Html:
+        plan = self.contents.record(PLAN)
+        arguments = plan.get("arguments")
+        words = [word for word in arguments if isinstance(word, str)] if isinstance(arguments, list) else []
+        rows = []
+        for key in self.keys:
+            values = list(dict.fromkeys(found[key] for _, found in self.planned if key in found))
+            rows.append((key, ", ".join(values), Cell(str(len(values)), len(values))))
+        typed = [tag("p", "Typed:"), tag("ul", [tag("li", tag("code", word)) for word in words])] if words else None
+        swept = tag("div", table("Keys with several values", ("key", "values", "how many"), rows), class_="prose")
+        return join([swept if rows else note("No key has several values."), typed])
+
+    def jobs(self) -> Html:
+        if not self.contents.has(SWEEP):
+            rows = [
+                (self._job(name), *(values.get(key, "") for key in self.keys), self.counts[name])
+                for name, values in self.planned
+            ]
+            there = table("Jobs of the plan", ("job", *self.keys, "status"), rows, filtered=len(rows) > 10)
+            return join([note(f"{SWEEP} is missing: the sweep did not come to its end."), there])
+        found = self.contents.table(SWEEP)
+        columns = list(found.rows[0]) if found.rows else []
+        keys = [column for column in columns if column in (*self.keys, "filter", "status") and column != "job"]
+        figures = _figures(columns)
+        headings = ["job", *keys, *["time [s]"] * ("wall_time_s" in columns)]
+        for column in figures:
+            headings += [_heading(column), *["95 % interval"] * (f"{column}.low" in columns)]
+        rows_ = []
+        for row in found.rows:
+            cells: list[str | Cell] = [self._job(row.get("job", "")), *(_value(row.get(key, "")) for key in keys)]
+            cells += [number_cell(row.get("wall_time_s"))] * ("wall_time_s" in columns)
+            rows_.append([*cells, *_metrics(row, columns, figures)])
+        caption = f"Jobs; every metric is in {SWEEP}"
+        return join([table(caption, headings, rows_, filtered=len(rows_) > 10), note(found.remark)])
+
+    def groups(self) -> Html:
+        found = self.contents.table(GROUPS)
+        columns = list(found.rows[0]) if found.rows else []
+        figures = _figures(columns)
+        keys = [column for column in columns if column in (*self.keys, "filter", "repeats")]
+        headings = list(keys)
+        for column in figures:
+            headings += [_heading(column), *["95 % interval"] * (f"{column}.low" in columns)]
+        rows = [[*(_value(row.get(key, "")) for key in keys), *_metrics(row, columns, figures)] for row in found.rows]
+        return join([table("Means over repeats", headings, rows, filtered=len(rows) > 10), note(found.remark)])
+
+    def failures(self) -> Html:
+        if not self.contents.has(FAILURES) and "failed" not in self.counts.values():
+            return tag("p", "No job failed.")
+        found = self.contents.table(FAILURES)
+        if not found.rows:
+            return tag("p", "No job failed.")
+        rows = [
+            (self._job(row.get("job", "")), row.get("error", ""), row.get("status", ""), _value(row.get("attempt", "")))
+            for row in found.rows
+        ]
+        shown = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
+        return join([tag("div", shown, class_="prose"), note(found.remark)])
+
+    def _job(self, name: str) -> Html:
+        """A job's name, linked to its own page or to its directory, if it has one."""
+        if not self.contents.is_folder(name):
+            return join(name)
+        page = f"{name}/{parts.REPORT}"
+        return link(page if self.contents.has(page) else f"{name}/", name)
+
+
+def _planned(contents: Contents) -> list[tuple[str, dict[str, str]]]:
+    """Name and swept values of each job of the plan; none where the plan is no good."""
+    try:
+        jobs: Any = contents.record(PLAN).get("jobs")
+    except UnusableError:
+        return []
+    found = []
+    for job in jobs if isinstance(jobs, list) else []:
+        if isinstance(job, dict):
+            values = job.get("values")
+            pairs = values.items() if isinstance(values, dict) else ()
+            found.append((str(job.get("name")), {key: str(value) for key, value in pairs}))
+    return found
+
+
+def _status(contents: Contents, job: str) -> str:
+    """What a job's own directory says of it."""
+    if not contents.is_folder(job):
+        return "left"
+    try:
+        return str(contents.record(f"{job}/{rundir.STATUS}").get("status"))
+    except UnusableError:
+        return "left"
+
+
+def _figures(columns: list[str]) -> list[str]:
+    """The metrics that are shown: the position's RMSE or each component's, consistency, the verdict."""
+    errors = [column for column in columns if column.startswith("rmse.") and not column.endswith(_ENDS)]
+    errors = [column for column in errors if column == "rmse.position"] or errors
+    return [*errors, *(column for column in (*_SHOWN, "verdict") if column in columns)]
+
+
+def _heading(column: str) -> str:
+    return _SHOWN.get(column, column.replace("rmse.", "RMSE "))
+
+
+def _metrics(row: Row, columns: list[str], figures: list[str]) -> list[Cell]:
+    cells = []
+    for name in figures:
+        ends = (name, f"{name}.low", f"{name}.high")
+        cells += [figure_cell(row, *ends), *[interval_cell(row, *ends)] * (ends[1] in columns)]
+    return cells
+
+
+def _value(text: str) -> Cell:
+    """A swept value as it was typed, sorted as a number if it is one."""
+    return number_cell(text)._replace(shown=text)
