@@ -135,7 +135,7 @@ def test_runs_write_no_page_where_none_is_asked_for():
     assert not list(Path().rglob("report.html"))
     words = ["filter=ekf,ukf", *TINY, "plots=false", "report=true", "hydra.sweep.dir=asked", "output=."]
     assert main(["sweep", *words]) == 0
-    assert len(list(Path("asked").rglob("report.html"))) == 2
+    assert len(list(Path("asked").rglob("report.html"))) == 3
 
 
 def test_a_disk_without_room_for_the_page_does_not_spoil_the_run(monkeypatch, capsys):
