@@ -132,7 +132,7 @@ def test_runs_write_no_page_where_none_is_asked_for():
     assert main(["run", "report=false", *TINY, "plots=false", "hydra.run.dir=out", "output=."]) == 0
     assert main(["sweep", "filter=ekf,ukf", *TINY, "plots=false", "hydra.sweep.dir=swept", "output=."]) == 0
     assert main(["verify", "smoke", "expect.diverged.max=3", "output=verified"]) == 0
-    assert not list(Path().rglob("report.html"))
+    assert list(Path().rglob("report.html")) == [Path("swept/report.html")], "a sweep has one, its jobs have none"
     words = ["filter=ekf,ukf", *TINY, "plots=false", "report=true", "hydra.sweep.dir=asked", "output=."]
     assert main(["sweep", *words]) == 0
     assert len(list(Path("asked").rglob("report.html"))) == 3
