@@ -47,6 +47,7 @@ class Sweep:
     dir: str
     zip: list[str]
     repeats: int
+    split_runs: int
     retries: int
     timeout: float | None
     fail_fast: bool
@@ -55,6 +56,8 @@ class Sweep:
     def __post_init__(self) -> None:
         if not 1 <= self.repeats <= 1_000_000:
             raise ValueError(f"repeats must be from 1 to 1e6, got {self.repeats}")
+        if not 1 <= self.split_runs <= 10_000:
+            raise ValueError(f"split_runs must be from 1 to 1e4, got {self.split_runs}")
         if not 0 <= self.retries <= 1000:
             raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
         if self.timeout is not None and self.timeout <= 0.0:

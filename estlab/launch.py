@@ -43,6 +43,8 @@ _TOLD = (
     "expect",
     "++expect",
     "sweep.",
+    "part=",
+    "parts=",
 )
 
 

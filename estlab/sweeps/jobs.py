@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from estlab.config import Sweep
+from estlab.config import Sweep, build
+from estlab.ensemble import block_count
 from estlab.errors import UserError
 from estlab.launch import described
 from estlab.sweeps.plan import combinations
@@ -25,11 +26,13 @@ def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str],
         raise UserError("sweep.repeats repeats each job by seed; leave seed=... with several values out")
     if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
         fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
+    if wrong := {"part", "parts"} & {_bare(key) for key in [*fixed, *swept]}:
+        raise UserError(f"{wrong.pop()}: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead")
     jobs: list[Planned] = []
     for values in combinations({_bare(key): list(words) for key, words in swept.items()}, limits.zip):
         chosen = [f"{key}={values[_bare(key)]}" for key in swept]
         overrides = [*fixed.values(), *chosen]
-        job, seed = _composed(context, config, len(jobs), overrides, values)
+        job, seed = _composed(context, config, len(jobs), overrides, values, limits)
         if limits.repeats == 1:
             jobs.append(job)
             continue
@@ -37,7 +40,7 @@ def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str],
         for seed_of_repeat in range(seed, seed + limits.repeats):
             again = [*overrides, f"seed={seed_of_repeat}"]
             named = {**values, "seed": str(seed_of_repeat)}
-            jobs.append(_composed(context, config, len(jobs), again, named)[0])
+            jobs.append(_composed(context, config, len(jobs), again, named, limits)[0])
     names = [job.name for job in jobs]
     if len(set(names)) < len(names):
         raise UserError("hydra.sweep.subdir gives several jobs one directory; put ${hydra:job.num} in it")
@@ -76,7 +79,12 @@ def _values(override: "Override") -> list[str]:
 
 
 def _composed(
-    context: "HydraContext", config: "DictConfig", number: int, overrides: list[str], values: dict[str, str]
+    context: "HydraContext",
+    config: "DictConfig",
+    number: int,
+    overrides: list[str],
+    values: dict[str, str],
+    limits: Sweep,
 ) -> tuple[Planned, int]:
     """A job, and its seed."""
     from hydra.core.hydra_config import HydraConfig
@@ -97,7 +105,18 @@ def _composed(
         HydraConfig.instance().cfg = before
     shown = {key: _unquoted(value) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
-    return Planned(number, name, tuple(overrides), shown, mark), _seed(plain)
+    parts = _parts(plain, limits.split_runs)
+    return Planned(number, name, tuple(overrides), shown, mark, parts), _seed(plain)
+
+
+def _parts(plain: dict[str, Any], most: int) -> int:
+    """In how many parts a job can run: a part has a block of runs at least."""
+    if most == 1:
+        return 1
+    try:
+        return min(most, block_count(build(plain)))
+    except UserError:
+        return 1  # the job itself will say what is wrong
 
 
 def _seed(plain: dict[str, Any]) -> int:

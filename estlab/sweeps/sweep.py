@@ -9,7 +9,7 @@ from estlab import rundir
 from estlab.config import sweep_settings
 from estlab.errors import UserError
 from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain
-from estlab.sweeps import jobs, state, table, told
+from estlab.sweeps import jobs, split, state, table, told
 from estlab.sweeps.progress import watched
 from estlab.sweeps.rounds import Rounds
 from estlab.sweeps.state import Outcome, Planned
@@ -38,6 +38,7 @@ class Sweep:
         Raises UserError if nothing can start.
         """
         planned = jobs.planned(self.context, self.config, words, self.limits)
+        told.fewer_parts(planned, self.limits.split_runs)
         if self.limits.dry_run:
             told.plan(planned, self._outcomes(planned))
             return OK
@@ -59,7 +60,7 @@ class Sweep:
         except KeyboardInterrupt:
             interrupted = True
         outcomes = self._outcomes(planned)
-        code = INTERRUPTED if interrupted else _exit_code(outcomes.values())
+        code = INTERRUPTED if interrupted else _exit_code(split.whole(job, outcomes) for job in planned)
         try:
             table.write_all(self.directory, planned, outcomes, self.limits.repeats)
             notes = self._plots(planned, outcomes)
@@ -73,22 +74,23 @@ class Sweep:
 
     def _run_what_is_left(self, planned: list[Planned]) -> None:
         before = self._outcomes(planned)
-        left = [job for job in planned if before[job.name].state != "ok"]
-        for job in left:
-            if process := state.at_work(self.directory / job.name):
+        left = [unit for unit in split.units(planned) if before[unit.name].state != "ok"]
+        for unit in left:
+            if process := state.at_work(self.directory / unit.name):
                 raise UserError(
-                    f"{self.directory / job.name}: process {process}, of an earlier sweep, is still at work on it; "
+                    f"{self.directory / unit.name}: process {process}, of an earlier sweep, is still at work on it; "
                     "wait for it or end it, then resume"
                 )
         told.resumed(self.directory, planned, before)
-        for job in left:
-            state.set_aside(self.directory / job.name)
+        for unit in left:
+            state.set_aside(self.directory, unit.name)
         (self.directory / state.STOP).unlink(missing_ok=True)
         rounds = Rounds(self.context, self.config, self.directory, self.limits)
         self.errors = rounds.errors
         try:
-            with watched(self.directory, [job.name for job in left], len(planned) - len(left)):
-                rounds.run(left)
+            with watched(self.directory, [unit.name for unit in left], len(before) - len(left)):
+                rounds.run([unit for unit in left if unit.parts == 1])
+                rounds.run(split.merges([job for job in left if job.parts > 1], self.directory))
         finally:
             (self.directory / state.STOP).unlink(missing_ok=True)
 
@@ -98,7 +100,7 @@ class Sweep:
         return table.draw_all(self.directory, planned, outcomes, self.limits.repeats, self.limits.zip)
 
     def _outcomes(self, planned: Sequence[Planned]) -> dict[str, Outcome]:
-        found = {job.name: state.outcome(self.directory / job.name, job.fingerprint) for job in planned}
+        found = split.outcomes(planned, self.directory)
         return found | {name: Outcome("failed", message, FAILED) for name, message in self.errors.items()}
 
 
