@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from estlab.config import Sweep, build
+from estlab.config import build
 from estlab.ensemble import block_count
 from estlab.errors import UserError
+from estlab.groups import Sweep
 from estlab.launch import described
 from estlab.sweeps.plan import combinations
 from estlab.sweeps.state import Planned, fingerprint

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estlab import rundir
-from estlab.config import Sweep
 from estlab.errors import UserError
+from estlab.groups import Sweep
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned
