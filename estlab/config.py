@@ -18,6 +18,7 @@ from typing import Any, Literal, Union
 from estlab.errors import UserError
 from estlab.filters.contract import Filter
 from estlab.groups import Data, Noise, Sweep
+from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.contract import Scenario
 
@@ -47,6 +48,7 @@ class Settings:
     output: str
     plugins: list[str]
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
+    objective: str
     sweep: Sweep
 
     def __post_init__(self) -> None:
@@ -59,6 +61,7 @@ class Settings:
             if value is not None and value < 0:
                 raise ValueError(f"{name} must be >= 0, got {value}")
 
+        Objective.parse(self.objective)
         if self.part is not None and not (len(self.part) == 2 and 0 <= self.part[0] < self.part[1]):
             raise ValueError(f"part must be [which, of how many], which counted from 0, got {self.part}")
 

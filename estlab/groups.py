@@ -35,6 +35,8 @@ class Sweep:
     timeout: float | None
     fail_fast: bool
     dry_run: bool
+    trials: int
+    batch: int
 
     def __post_init__(self) -> None:
         if not 1 <= self.repeats <= 1_000_000:
@@ -43,5 +45,8 @@ class Sweep:
             raise ValueError(f"split_runs must be from 1 to 1e4, got {self.split_runs}")
         if not 0 <= self.retries <= 1000:
             raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
+        for name in ("trials", "batch"):
+            if not 1 <= getattr(self, name) <= 100_000:
+                raise ValueError(f"{name} must be from 1 to 1e5, got {getattr(self, name)}")
         if self.timeout is not None and self.timeout <= 0.0:
             raise ValueError(f"timeout must be > 0, got {self.timeout}")

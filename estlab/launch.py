@@ -43,6 +43,7 @@ _TOLD = (
     "expect",
     "++expect",
     "sweep.",
+    "objective=",
     "part=",
     "parts=",
 )

@@ -23,7 +23,7 @@ PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 # What may change between a job and its repetition without changing a figure of it.
-_NO_MATTER = ("output", "plots", "sweep", "part", "parts")
+_NO_MATTER = ("output", "plots", "sweep", "part", "parts", "objective")
 
 State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
 
@@ -178,23 +178,34 @@ def locked(sweep: Path) -> Iterator[None]:
         stream.truncate(0)
 
 
-def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned]) -> None:
+def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
     """Write the plan of a new sweep, or make sure that the one there is the same.
 
+    tuning: what tells one tuning from another, whose jobs follow from each other and are not known before.
     Raises UserError for a directory that holds another sweep or something else.
     """
-    content = [path.name for path in sweep.iterdir() if not path.name.startswith(".")]
-    if not content:
-        plan = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(job) for job in jobs]}
-        write_text(sweep / PLAN, json.dumps(plan, indent=1) + "\n")
+    if not [path for path in sweep.iterdir() if not path.name.startswith(".")]:
+        write_plan(sweep, arguments, jobs, tuning)
         return
-    there = [(job["name"], job["fingerprint"]) for job in plan_of(sweep)["jobs"]]
-    if there != [(job.name, job.fingerprint) for job in jobs]:
-        same = len(set(there) & {(job.name, job.fingerprint) for job in jobs})
-        raise UserError(
-            f"{sweep}: holds another sweep ({len(there)} jobs, {same} of them among the {len(jobs)} of this one); "
-            "give this one another sweep.dir, or resume that one with estlab sweep --resume"
-        )
+    plan = plan_of(sweep)
+    there = [(job["name"], job["fingerprint"]) for job in plan["jobs"]]
+    here = [(job.name, job.fingerprint) for job in jobs]
+    tuned = plan.get("tuning", "")
+    if tuned == tuning and (tuning or there == here):
+        return
+    told = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
+    if tuned or tuning:
+        told = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
+    raise UserError(
+        f"{sweep}: holds another sweep ({told}); "
+        "give this one another sweep.dir, or resume that one with estlab sweep --resume"
+    )
+
+
+def write_plan(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
+    """Write the words that were typed and the jobs that they make."""
+    plan: dict[str, Any] = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(j) for j in jobs]}
+    write_text(sweep / PLAN, json.dumps(plan | ({"tuning": tuning} if tuning else {}), indent=1) + "\n")
 
 
 def plan_of(sweep: Path) -> dict[str, Any]:

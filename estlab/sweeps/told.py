@@ -53,6 +53,11 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
     ready = sum(before[name].state == "ok" for name in parts)
     of_parts = f" and {ready} of {len(parts)} parts of the others" if parts else ""
     print(f"estlab: {sweep}: {len(done)} of {len(planned)} jobs{of_parts} are ok, {rest}", file=sys.stderr)
+    damaged(before)
+
+
+def damaged(before: Mapping[str, Outcome]) -> None:
+    """What of an earlier attempt cannot be used."""
     for name, outcome in before.items():
         if outcome.state == "damaged":
             kept = f"what there is of it is kept in {state.ATTEMPTS}/"
@@ -73,7 +78,7 @@ def summary(
     out.print(_table(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
         out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
-    _print_failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
+    failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
     for note in notes:
         out.print(Text(f"note: {note}"), soft_wrap=True)
     counts = Counter({row["job"]: row["status"] for row in jobs}.values())
@@ -81,7 +86,8 @@ def summary(
     out.print(Text(str(sweep)), soft_wrap=True)
 
 
-def _print_failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+    """A line for each job and part that failed, as many as a person reads."""
     out = console()
     failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
     for name, found in failed[:_FAILURES]:
