@@ -136,7 +136,9 @@ def sampled_ensembles(replications: int, runs: int, size: int, weighted: bool, s
         prior = Gaussian(mean[:, 0], P0)
         record = Record(0.0, np.arange(1.0, steps + 1), truth, np.empty((0, steps, 1)), readings, prior)
         tally = Tally(STATE, record.time)
-        tally.add(record, Estimates(mean, cov, readings.values, sample, {}), range(runs))
+        tally.add(
+            record, Estimates(mean, cov, readings.values, np.zeros_like(readings.values), sample, {}), range(runs)
+        )
         yield tally
 
 
@@ -214,6 +216,7 @@ def _estimates(estimates: Estimates, part: slice) -> Estimates:
         mean=estimates.mean[..., part],
         cov=estimates.cov[..., part],
         whitened=estimates.whitened[..., part],
+        log_scale=estimates.log_scale[..., part],
         notes={},
     )
 

@@ -12,13 +12,14 @@ _FLAGS = {
 }
 _WITH_VALUE = {"--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"}
 
-# Hydra's launchers by what they need installed, and the extra of estlab that brings it.
-_ENGINES = {
-    "dask": ("distributed", "dask"),
-    "joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
-    "ray": ("hydra_plugins.hydra_ray_launcher", "ray"),
-    "submitit_local": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
-    "submitit_slurm": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
+# Plugins by what they need installed, and the extra of estlab that brings it.
+_NEEDS = {
+    "hydra/launcher=dask": ("distributed", "dask"),
+    "hydra/launcher=joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
+    "hydra/launcher=ray": ("hydra_plugins.hydra_ray_launcher", "ray"),
+    "hydra/launcher=submitit_local": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
+    "hydra/launcher=submitit_slurm": ("hydra_plugins.hydra_submitit_launcher", "submitit"),
+    "hydra/sweeper=optuna": ("optuna", "optuna"),
 }
 
 
@@ -39,7 +40,7 @@ def prepared(arguments: list[str]) -> list[str]:
             raise UserError(f"{argument}: output must be a folder, for example output=runs")
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
-        _check_engine(argument)
+        _check_installed(argument)
     return _of_a_sweep(_expectations(_several_filters(arguments)))
 
 
@@ -71,11 +72,10 @@ def _expectations(arguments: list[str]) -> list[str]:
     return written
 
 
-def _check_engine(argument: str) -> None:
-    group, _, name = argument.lstrip("+").partition("=")
-    if group != "hydra/launcher" or name not in _ENGINES:
+def _check_installed(argument: str) -> None:
+    if argument.lstrip("+") not in _NEEDS:
         return
-    module, extra = _ENGINES[name]
+    module, extra = _NEEDS[argument.lstrip("+")]
     if importlib.util.find_spec(module.partition(".")[0]) is None or importlib.util.find_spec(module) is None:
         raise UserError(f"{argument} needs more: pip install 'estlab[{extra}]'")
 

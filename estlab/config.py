@@ -17,48 +17,12 @@ from typing import Any, Literal, Union
 
 from estlab.errors import UserError
 from estlab.filters.contract import Filter
+from estlab.groups import Data, Noise, Sweep
+from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
-from estlab.scenarios.contract import Scales, Scenario
+from estlab.scenarios.contract import Scenario
 
 Node = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """What the filter assumes and what the truth has, apart."""
-
-    filter: Scales
-    truth: Scales
-
-
-@dataclass(frozen=True)
-class Data:
-    """Where truth and readings come from: made here, or read from files."""
-
-    source: Literal["simulated", "files"]
-    path: str | None
-    prefix: str
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """How the jobs of a sweep are made and run."""
-
-    dir: str
-    zip: list[str]
-    repeats: int
-    retries: int
-    timeout: float | None
-    fail_fast: bool
-    dry_run: bool
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.repeats <= 1_000_000:
-            raise ValueError(f"repeats must be from 1 to 1e6, got {self.repeats}")
-        if not 0 <= self.retries <= 1000:
-            raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
-        if self.timeout is not None and self.timeout <= 0.0:
-            raise ValueError(f"timeout must be > 0, got {self.timeout}")
 
 
 @dataclass(frozen=True)
@@ -85,6 +49,7 @@ class Settings:
     output: str
     plugins: list[str]
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
+    objective: str
     sweep: Sweep
 
     def __post_init__(self) -> None:
@@ -97,6 +62,7 @@ class Settings:
             if value is not None and value < 0:
                 raise ValueError(f"{name} must be >= 0, got {value}")
 
+        Objective.parse(self.objective)
         if self.part is not None and not (len(self.part) == 2 and 0 <= self.part[0] < self.part[1]):
             raise ValueError(f"part must be [which, of how many], which counted from 0, got {self.part}")
 

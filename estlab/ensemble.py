@@ -152,6 +152,12 @@ def blocks_of(settings: Settings) -> Iterator[range]:
         begin, size = begin + size, settings.block_runs
 
 
+def block_count(settings: Settings) -> int:
+    """How many blocks :func:`blocks_of` gives."""
+    first = max(settings.block_runs, settings.keep_runs)
+    return 1 + max(0, -(-(len(settings.run_numbers) - first) // settings.block_runs))
+
+
 def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
 

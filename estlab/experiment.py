@@ -91,7 +91,8 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
         with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
             ensemble = estimated(settings, names, first, progress)
     if settings.part is not None:
-        directory.write(parts.FILE, partial(parts.save, ensemble))
+        directory.describe(part=settings.part)
+        directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
     directory.describe(seconds_per_run_and_step=ensemble.cost())
     _log_outcome(ensemble, len(runs))

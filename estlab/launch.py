@@ -44,6 +44,9 @@ _TOLD = (
     "expect",
     "++expect",
     "sweep.",
+    "objective=",
+    "part=",
+    "parts=",
 )
 
 

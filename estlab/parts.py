@@ -8,13 +8,12 @@ from typing import BinaryIO
 import numpy as np
 
 from estlab.config import Settings
-from estlab.ensemble import Ensemble, Totals, blocks_of, empty_totals
+from estlab.ensemble import Ensemble, Totals, block_count, empty_totals
 from estlab.errors import UserError
 from estlab.maths.space import Array
 from estlab.metrics.stored import below, comparison_arrays, comparison_of, tally_arrays, tally_of
 from estlab.record import Record
-
-FILE = "part.npz"
+from estlab.rundir import PART
 
 
 def save(ensemble: Ensemble, stream: BinaryIO) -> None:
@@ -42,11 +41,11 @@ def put_together(settings: Settings, first: Record, folders: Sequence[Path]) -> 
     ensemble = Ensemble(first)
     for folder in folders:
         try:
-            with np.load(folder / FILE, allow_pickle=False) as stored:
+            with np.load(folder / PART, allow_pickle=False) as stored:
                 _take(settings, ensemble, {name: stored[name] for name in stored})
         except (OSError, ValueError, KeyError) as error:
-            raise UserError(f"{folder / FILE}: not a part of this ensemble ({error}); run that part again") from error
-    whole = len(list(blocks_of(settings)))
+            raise UserError(f"{folder / PART}: not a part of this ensemble ({error}); run that part again") from error
+    whole = block_count(settings)
     found = sum(1 << level for level, _ in ensemble.blocks.nodes)
     if found != whole:
         raise UserError(f"{folders[0].parent}: its parts hold {found} of {whole} blocks; run the others too")

@@ -98,7 +98,8 @@ class Estimates:
     """A filter's belief after each step, and how the readings fitted.
 
     mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
-    whitened, NaN where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
+    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.contract.Fit; NaN where
+    nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     gate: the share of right readings that were let through, None for all.
@@ -107,6 +108,7 @@ class Estimates:
     mean: Array
     cov: Array
     whitened: Array
+    log_scale: Array
     sample: Array | None
     notes: dict[str, Array]
     gate: float | None = None
@@ -115,4 +117,5 @@ class Estimates:
         """Those of the first run alone."""
         notes = {name: values[:, :1] for name, values in self.notes.items()}
         sample = None if self.sample is None else self.sample[..., :1]
-        return Estimates(self.mean[..., :1], self.cov[..., :1], self.whitened[..., :1], sample, notes, self.gate)
+        fit = self.whitened[..., :1], self.log_scale[..., :1]
+        return Estimates(self.mean[..., :1], self.cov[..., :1], *fit, sample, notes, self.gate)

@@ -28,7 +28,7 @@ CONFIG, OVERRIDES, RUN, STATUS, LOG = "config.yaml", "overrides.yaml", "run.json
 ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.csv", "metrics.csv"
 TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
 COMPARISON, RUNS = "comparison.csv", "runs.csv"
-ESTIMATES, PLOTS, EXPECTATIONS = "estimates.npz", "plots", "expectations.csv"
+ESTIMATES, PLOTS, EXPECTATIONS, PART = "estimates.npz", "plots", "expectations.csv", "part.npz"
 
 _PACKAGES = ("numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib", "rich")
 # The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.

@@ -19,10 +19,12 @@ class Fit(NamedTuple):
 
     whitened: (m, runs) the innovation divided by the lower factor of its covariance: independent standard normals if
     all is as the filter assumes, their squares summing to the NIS; NaN where nothing was measured or it was gated.
+    log_scale: (m, runs) the logarithm of that factor's diagonal, which sums to half the log-determinant; NaN likewise.
     gated: (runs,) whether the reading was refused as an outlier.
     """
 
     whitened: Array
+    log_scale: Array
     gated: Array
 
 
@@ -33,9 +35,10 @@ class Sample(NamedTuple):
     scale: Array
 
 
-def fit_of(whitened: Array, missing: Array, gate: float | None) -> Fit:
-    """The fit of a reading from its whitened innovation, given what of it is missing (m, runs).
+def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Fit:
+    """The fit of a reading from its whitened innovation and the factor (m, m, runs) that whitened it.
 
+    missing: (m, runs) what of the reading was not measured.
     gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
     pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
     """
@@ -43,7 +46,9 @@ def fit_of(whitened: Array, missing: Array, gate: float | None) -> Fit:
     if gate is not None:
         nis = np.einsum("i...,i...->...", whitened, whitened)
         refused = nis > chi_square_quantile(gate, (~missing).sum(axis=0))
-    return Fit(np.where(missing | refused, np.nan, whitened), refused)
+    unused = missing | refused
+    log_scale = np.log(np.einsum("ii...->i...", factor))
+    return Fit(np.where(unused, np.nan, whitened), np.where(unused, np.nan, log_scale), refused)
 
 
 def chi_square_quantile(share: float, freedom: Array) -> Array:

@@ -77,7 +77,7 @@ class EnsembleFilter(Filter):
         each = np.where(missing[:, None], 0.0, sensor.space.minus((reading[:, None] + blur), expected))
         points = sensor.state.plus(belief.points, matmul(transpose(gain), solve_lower(factor, each)))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
-        return Ensemble(points, belief.draws), fit_of(whitened, missing, None)
+        return Ensemble(points, belief.draws), fit_of(whitened, factor, missing, None)
 
     def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
         mean = _mean(motion.space, belief.points)

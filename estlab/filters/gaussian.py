@@ -90,7 +90,7 @@ class GaussianFilter(Filter):
         factor = cholesky(innovation_cov)
         gain = solve_lower(factor, transpose(cross))
         whitened = solve_lower(factor, residual[:, None])[:, 0]
-        found = fit_of(whitened, missing, gate)
+        found = fit_of(whitened, factor, missing, gate)
         if found.gated.any():
             gain = np.where(found.gated, 0.0, gain)
         mean = sensor.state.plus(belief.mean, np.einsum("ik...,i...->k...", gain, whitened))
@@ -106,8 +106,8 @@ class DeadReckoning(GaussianFilter):
     """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        nothing = np.ones(reading.shape, dtype=bool)
-        return belief, fit_of(np.zeros(reading.shape), nothing, None)
+        nothing, m = np.ones(reading.shape, dtype=bool), reading.shape[0]
+        return belief, fit_of(np.zeros(reading.shape), np.eye(m)[..., None], nothing, None)
 
 
 @dataclass(frozen=True)

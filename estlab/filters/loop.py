@@ -63,14 +63,16 @@ class Loop:
         filtered = self._forward(record, draws, tick, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             mean, cov = smooth(self.motion.space, links, filtered.mean, filtered.cov)
-        return filtered, Estimates(mean, cov, np.full_like(filtered.whitened, np.nan), None, {})
+        nothing = np.full_like(filtered.whitened, np.nan)
+        return filtered, Estimates(mean, cov, nothing, nothing, None, {})
 
     def _forward(
         self, record: Record, draws: Draws, tick: Callable[[], None], links: list[Link | None] | None
     ) -> Estimates:
         steps, runs, n = record.time.size, record.runs, self.motion.space.size
         mean, cov = np.empty((n, steps, runs)), np.empty((n, n, steps, runs))
-        whitened, sample = np.full(record.readings.values.shape, np.nan), None
+        whitened, log_scale = np.full((2, *record.readings.values.shape), np.nan)
+        sample = None
         notes: dict[str, Array] = {"gated": np.zeros((steps, runs))}
         lapse = np.diff(record.time, prepend=record.start)
         bounds = record.readings.bounds(steps)
@@ -83,7 +85,9 @@ class Loop:
                     links.append(link)
                 if bounds[k + 1] > bounds[k]:
                     taken = slice(bounds[k], bounds[k + 1])
-                    belief, notes["gated"][k] = self._update(belief, record, taken, whitened[:, taken])
+                    belief, notes["gated"][k] = self._update(
+                        belief, record, taken, whitened[:, taken], log_scale[:, taken]
+                    )
                 mean[:, k], cov[:, :, k] = self.filter.moments(belief, self.motion)
                 if (sampled := self.filter.sample(belief)) is not None:
                     sample = np.empty((2, steps, runs)) if sample is None else sample
@@ -91,7 +95,7 @@ class Loop:
                 for name, values in self.filter.notes(belief).items():
                     notes.setdefault(name, np.zeros((steps, runs)))[k] = values
                 tick()
-        return Estimates(mean, cov, whitened, sample, notes, getattr(self.filter, "gate", None))
+        return Estimates(mean, cov, whitened, log_scale, sample, notes, getattr(self.filter, "gate", None))
 
     def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
         if lapse <= 0.0:
@@ -101,15 +105,17 @@ class Loop:
             return belief._replace(mean=after.mean, cov=after.cov), Link(belief, after)
         return self.filter.predict(self.motion, belief, control, lapse), None
 
-    def _update(self, belief: Belief, record: Record, taken: slice, whitened: Array) -> tuple[Belief, Array]:
-        """Take in a step's readings, put their whitened innovations in their place, and count the gated of each run.
+    def _update(
+        self, belief: Belief, record: Record, taken: slice, whitened: Array, log_scale: Array
+    ) -> tuple[Belief, Array]:
+        """Take in a step's readings, put how they fitted in its place, and count the gated of each run.
 
         A run takes no part in a reading that it does not have.
         """
         values, target = record.readings.values[:, taken], record.readings.target[taken]
         has = np.asarray(~np.isnan(values).all(axis=0))
         if self.scheme == "stacked":
-            return self._stacked(belief, values, target, has, whitened)
+            return self._stacked(belief, values, target, has, whitened, log_scale)
 
         gated = np.zeros(record.runs)
         at_rest = np.zeros((record.control.shape[0], 1))
@@ -123,12 +129,12 @@ class Loop:
             place = self.sensor.place(target[i, runs])
             part, fit = self.filter.update(self.sensor, part, values[:, i, runs], place)
             belief = part if runs.size == record.runs else belief.put(runs, part)
-            whitened[:, i, runs] = fit.whitened
+            whitened[:, i, runs], log_scale[:, i, runs] = fit.whitened, fit.log_scale
             gated[runs] += fit.gated
         return belief, gated
 
     def _stacked(
-        self, belief: Belief, values: Array, target: Array, has: Array, whitened: Array
+        self, belief: Belief, values: Array, target: Array, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
         """All of a run's readings as one, for the runs of each number of readings in turn."""
         gated, counts = np.zeros(has.shape[1]), has.sum(axis=0)
@@ -140,6 +146,7 @@ class Loop:
             part, fit = self.filter.update(self.sensor.times(int(count)), belief.of(runs), long, places)
             belief = belief.put(runs, part)
             # With a triangular factor, the parts of a long innovation are those of its readings taken in turn.
-            whitened[:, slots, runs] = fit.whitened.reshape(count, -1, runs.size).swapaxes(0, 1)
+            for place, parts in ((whitened, fit.whitened), (log_scale, fit.log_scale)):
+                place[:, slots, runs] = parts.reshape(count, -1, runs.size).swapaxes(0, 1)
             gated[runs] += fit.gated
         return belief, gated

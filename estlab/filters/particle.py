@@ -215,5 +215,6 @@ def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit
     missing = np.isnan(reading)
     cov = without(gram(weights * spread, spread) + sensor.noise_cov[..., None], missing)
     residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
-    whitened = solve_lower(cholesky(cov), residual[:, None])[:, 0]
-    return fit_of(whitened, missing, None)
+    factor = cholesky(cov)
+    whitened = solve_lower(factor, residual[:, None])[:, 0]
+    return fit_of(whitened, factor, missing, None)

@@ -74,7 +74,7 @@ class SquareRootFilter(Filter):
         factor = triangle(np.concatenate([of_value, noise], axis=1))
         whitened = solve_lower(factor, residual[:, None])[:, 0]
         gain = transpose(solve_lower_transposed(factor, solve_lower(factor, gram(of_value, of_state))))
-        found = fit_of(whitened, missing, self.gate)
+        found = fit_of(whitened, factor, missing, self.gate)
         gain = np.where(found.gated, 0.0, gain)
         step = np.einsum("ij...,j...->i...", gain, residual)
         # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.

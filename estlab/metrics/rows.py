@@ -94,6 +94,7 @@ def _all_components(tally: Tally) -> Iterator[Row]:
         yield _row("inclination", "all", "dB", inclination)
     if int(moments["anis"].count):
         yield _row("anis", "all", "", positive_interval(moments["anis"]))
+        yield _row("loglik", "all", "nat", mean_interval(moments["loglik"]))
         for lag in range(LAGS):
             found = mean_interval(moments["correlation"].component(lag))
             yield _row("innovation_correlation", f"lag {lag + 1}", "", found)

@@ -31,7 +31,8 @@ class Scores:
     error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance. nees, with its
     law's mean, variance and below: (T, runs). nis, nis_mean, measured: (T, runs), summed over the step's readings,
     its law's mean, and how many numbers those were. distance: (T, runs) of the position, None where there is none.
-    whitened: (m, N, runs). not_finite, not_definite, lost: (runs,), no run in more than one.
+    whitened: (m, N, runs). log_likelihood: (runs,) of all innovations used. not_finite, not_definite, lost: (runs,), no
+    run in more than one.
     """
 
     error: Array
@@ -46,6 +47,7 @@ class Scores:
     measured: Array
     distance: Array | None
     whitened: Array
+    log_likelihood: Array
     not_finite: Array
     not_definite: Array
     lost: Array
@@ -101,6 +103,7 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
         measured=measured,
         distance=distance,
         whitened=estimates.whitened,
+        log_likelihood=log_likelihood(estimates.whitened, estimates.log_scale),
         not_finite=np.broadcast_to(not_finite, runs),
         not_definite=np.broadcast_to(not_definite, runs),
         lost=_lost(distance, limits.lost_beyond, runs) & ~(not_finite | not_definite),
@@ -113,6 +116,16 @@ def found_time(time: Array, distance: Array, within: float) -> Array:
     last = np.where(outside.any(axis=0), outside.shape[0] - 1 - outside[::-1].argmax(axis=0), -1)
     after = np.minimum(last + 1, time.size - 1)
     return np.where(last == time.size - 1, np.nan, time[after])
+
+
+def log_likelihood(whitened: Array, log_scale: Array) -> Array:
+    """(runs,) the sum of log N(nu; 0, S) over innovations, of which L^-1 nu and the log of L's diagonal are given.
+
+    With S = L L', log N(nu; 0, S) = -sum((L^-1 nu)^2 / 2 + log L_ii + log(2 pi) / 2). The innovations' densities are
+    those of each reading given those before, so that the sum is the log-likelihood of all. Schweppe 1965.
+    """
+    each = -0.5 * whitened**2 - log_scale - 0.5 * np.log(2.0 * np.pi)
+    return np.asarray(np.where(np.isfinite(whitened), each, 0.0).sum(axis=(0, 1)))
 
 
 def correlations(whitened: Array, lags: int) -> Array:

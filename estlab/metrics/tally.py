@@ -139,6 +139,7 @@ class Tally:
             "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
             "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
             "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
+            "loglik": scores.log_likelihood / _or_nan(scores.measured.sum(axis=0)),
         }
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.

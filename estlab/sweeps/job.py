@@ -41,8 +41,11 @@ class Job:
         from estlab.config import build
         from estlab.ensemble import Names
 
-        mark = state.fingerprint(self.plain, self.scenario, self.filter)
-        directory = rundir.RunDirectory(Path(self.folder), fingerprint=mark)
+        facts: dict[str, Any] = {"fingerprint": state.fingerprint(self.plain, self.scenario, self.filter)}
+        if self.plain["parts"]:
+            took = [state.outcome(Path(folder)).wall_time or 0.0 for folder in self.plain["parts"]]
+            facts |= {"parts": len(took), state.PARTS_TOOK: round(sum(took), 3)}
+        directory = rundir.RunDirectory(Path(self.folder), **facts)
 
         def work() -> str:
             directory.write_text(rundir.CONFIG, self.config)
@@ -61,8 +64,9 @@ def task(config: "DictConfig") -> int:
     from hydra.core.hydra_config import HydraConfig
 
     with _ONE_AT_A_TIME:
-        folder = Path(HydraConfig.get().runtime.output_dir)
-        if (folder.parent / state.STOP).exists():
+        sweep, name = Path(HydraConfig.get().sweep.dir), str(HydraConfig.get().sweep.subdir)
+        folder = sweep / name
+        if (sweep / state.STOP).exists():
             with contextlib.suppress(OSError):
                 folder.rmdir()  # Hydra made it; what is not empty stays
             return OK
@@ -72,12 +76,12 @@ def task(config: "DictConfig") -> int:
         for _ in range(1 + limits["retries"]):
             if state.at_work(folder) or _is_done(job):
                 return OK
-            state.set_aside(folder)
+            state.set_aside(sweep, name)
             code = _attempt(job, limits["timeout"])
             if code in (OK, USAGE):
                 break
         if code != OK and limits["fail_fast"]:
-            (folder.parent / state.STOP).touch()
+            (sweep / state.STOP).touch()
         return code
 
 
@@ -86,16 +90,17 @@ def _job(config: "DictConfig", folder: Path) -> Job:
     from omegaconf import OmegaConf
 
     plain, names = described(config)
-    typed = HydraConfig.get().overrides.task
+    # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
+    typed = [str(word) for word in HydraConfig.get().overrides.task if not word.startswith("parts=")]
     return Job(
         folder=str(folder),
         plain=plain,
         scenario=names.scenario,
         filter=names.filter,
         changes=list(names.changes),
-        config=OmegaConf.to_yaml(config, resolve=True),
+        config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
         typed=OmegaConf.to_yaml(typed),
-        overrides=[str(word) for word in typed if not word.startswith("sweep.")],
+        overrides=[word for word in typed if not word.startswith("sweep.")],
     )
 
 

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from estlab.config import Sweep
+from estlab.config import build
+from estlab.ensemble import block_count
 from estlab.errors import UserError
+from estlab.groups import Sweep
 from estlab.launch import described
 from estlab.sweeps.plan import combinations
 from estlab.sweeps.state import Planned, fingerprint
@@ -14,59 +16,70 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
+    from estlab.ensemble import Names
+
 
 def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: Sweep) -> list[Planned]:
     """The jobs of a sweep, in their order.
 
     Raises UserError or Hydra's exceptions for words that cannot all be composed: then no job is begun.
     """
-    fixed, swept = _parsed(context, words)
+    fixed, overrides_of = parsed(context, words)
+    swept = {key: _values(override) for key, override in overrides_of.items()}
     if limits.repeats > 1 and "seed" in swept:
         raise UserError("sweep.repeats repeats each job by seed; leave seed=... with several values out")
-    if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
-        fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
     jobs: list[Planned] = []
-    for values in combinations({_bare(key): list(words) for key, words in swept.items()}, limits.zip):
+    for values in combinations({_bare(key): values for key, values in swept.items()}, limits.zip):
         chosen = [f"{key}={values[_bare(key)]}" for key in swept]
         overrides = [*fixed.values(), *chosen]
-        job, seed = _composed(context, config, len(jobs), overrides, values)
+        job, plain, _ = composed(context, config, len(jobs), overrides, values, limits)
         if limits.repeats == 1:
             jobs.append(job)
             continue
         overrides = [word for word in overrides if not word.startswith("seed=")]
+        seed = _seed(plain)
         for seed_of_repeat in range(seed, seed + limits.repeats):
             again = [*overrides, f"seed={seed_of_repeat}"]
             named = {**values, "seed": str(seed_of_repeat)}
-            jobs.append(_composed(context, config, len(jobs), again, named)[0])
+            jobs.append(composed(context, config, len(jobs), again, named, limits)[0])
     names = [job.name for job in jobs]
     if len(set(names)) < len(names):
         raise UserError("hydra.sweep.subdir gives several jobs one directory; put ${hydra:job.num} in it")
     return jobs
 
 
-def _parsed(context: "HydraContext", words: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """What every job has, and the keys with several values; what is written later holds."""
+def parsed(context: "HydraContext", words: Sequence[str]) -> "tuple[dict[str, str], dict[str, Override]]":
+    """What every job has, and the keys with several values; what is written later holds.
+
+    Raises UserError for keys that a sweep's jobs cannot have.
+    """
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     fixed: dict[str, str] = {}
-    swept: dict[str, list[str]] = {}
+    swept: dict[str, Override] = {}
     for override in OverridesParser.create(config_loader=context.config_loader).parse_overrides(list(words)):
-        key = override.get_key_element()
+        key, word = override.get_key_element(), str(override.input_line)
         fixed.pop(key, None)
         swept.pop(key, None)
-        if override.is_sweep_override():
-            swept[key] = _values(override)
+        if _bare(key) in ("part", "parts"):
+            raise UserError(f"{word}: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead")
+        if not override.is_sweep_override():
+            fixed[key] = word
+        elif key.startswith("sweep.") or key == "objective":
+            raise UserError(f"{word}: the keys under sweep are those of the whole sweep; give one value")
         else:
-            fixed[key] = str(override.input_line)
+            swept[key] = override
+    if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
+        fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
     return fixed, swept
 
 
 def _values(override: "Override") -> list[str]:
     word = override.input_line
-    if override.key_or_group.startswith("sweep."):
-        raise UserError(f"{word}: the keys under sweep are those of the whole sweep; give one value")
     if not override.is_discrete_sweep():
-        raise UserError(f"{word}: an interval has no list of values; write range(...) or values with commas")
+        raise UserError(
+            f"{word}: an interval has no list of values; write range(...), or tune it: hydra/sweeper=optuna"
+        )
     if getattr(override.value(), "shuffle", False):
         raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
     values = list(override.sweep_string_iterator())
@@ -75,10 +88,15 @@ def _values(override: "Override") -> list[str]:
     return values
 
 
-def _composed(
-    context: "HydraContext", config: "DictConfig", number: int, overrides: list[str], values: dict[str, str]
-) -> tuple[Planned, int]:
-    """A job, and its seed."""
+def composed(
+    context: "HydraContext",
+    config: "DictConfig",
+    number: int,
+    overrides: list[str],
+    values: dict[str, str],
+    limits: Sweep,
+) -> "tuple[Planned, dict[str, Any], Names]":
+    """A job, its configuration as plain data, and what the user called its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import open_dict, read_write
 
@@ -97,7 +115,18 @@ def _composed(
         HydraConfig.instance().cfg = before
     shown = {key: _unquoted(value) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
-    return Planned(number, name, tuple(overrides), shown, mark), _seed(plain)
+    parts = _parts(plain, limits.split_runs)
+    return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
+
+
+def _parts(plain: dict[str, Any], most: int) -> int:
+    """In how many parts a job can run: a part has a block of runs at least."""
+    if most == 1:
+        return 1
+    try:
+        return min(most, block_count(build(plain)))
+    except UserError:
+        return 1  # the job itself will say what is wrong
 
 
 def _seed(plain: dict[str, Any]) -> int:

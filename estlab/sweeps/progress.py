@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,8 +19,8 @@ _LINE_EVERY = 30.0  # seconds between lines where there is no terminal
 
 
 @contextmanager
-def watched(sweep: Path, names: Sequence[str], done: int) -> Iterator[None]:
-    """Tell of these jobs on standard error while the body runs them; ``done`` were ok before."""
+def watched(sweep: Path, total: int) -> Iterator[Callable[[Sequence[str], int], None]]:
+    """Tell of jobs on standard error while the body runs them; it is given what takes which, and how many are done."""
     # Jobs in this process take sys.stderr for themselves; the line goes on here.
     screen = Console(file=sys.stderr, highlight=False, soft_wrap=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
@@ -30,26 +30,30 @@ def watched(sweep: Path, names: Sequence[str], done: int) -> Iterator[None]:
     )  # fmt: skip
     ended = threading.Event()
     with bar:
-        watch = _Watch(sweep, names, done, screen, bar)
+        watch = _Watch(sweep, total, screen, bar)
         thread = threading.Thread(target=watch.until, args=[ended], daemon=True)
         thread.start()
         try:
-            yield
+            yield watch.expect
         finally:
             ended.set()
             thread.join()
 
 
 class _Watch:
-    def __init__(self, sweep: Path, names: Sequence[str], done: int, screen: Console, bar: Progress) -> None:
+    def __init__(self, sweep: Path, total: int, screen: Console, bar: Progress) -> None:
         self.sweep, self.screen, self.bar = sweep, screen, bar
-        self.pending = dict.fromkeys(names)
+        self.pending: dict[str, None] = {}
         self.told: set[tuple[str, int]] = set()
         self.failed: set[str] = set()
-        self.done, self.new = done, 0
-        self.total = done + len(names)
+        self.done, self.new, self.total = 0, 0, total
         self.began = self.said = time.monotonic()
-        self.row = bar.add_task(self._words(), total=self.total, completed=done)
+        self.row = bar.add_task(self._words(), total=total)
+
+    def expect(self, names: Sequence[str], done: int) -> None:
+        """Look at the directories of these too; so many more were done before."""
+        self.done += done
+        self.pending |= dict.fromkeys(names)
 
     def until(self, ended: threading.Event) -> None:
         while not ended.wait(_EVERY):

@@ -8,7 +8,9 @@ from estlab.errors import UserError
 
 # A directory may come from a stranger. What these words do is done with his configuration or by his plugins, so
 # whoever resumes must type them; the others choose among what estlab itself has.
-_HIS_TO_TYPE = re.compile(r"[+~]*(plugins\b|hydra\.(?!job\.name=[\w.-]+$)|hydra/(?!launcher=\w+$)|-(?!-multirun$|m$))")
+_HIS_TO_TYPE = re.compile(
+    r"[+~]*(plugins\b|hydra\.(?!job\.name=[\w.-]+$)|hydra/(?!launcher=\w+$|sweeper=optuna$)|-(?!-multirun$|m$))"
+)
 _ENGINE = re.compile(r"[+~]*hydra([./])launcher\b")
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estlab import rundir
-from estlab.config import Sweep
 from estlab.errors import UserError
+from estlab.groups import Sweep
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned
@@ -69,8 +69,8 @@ class Rounds:
         launcher = Plugins.instance().instantiate_launcher(
             hydra_context=self.context, task_function=task, config=self.config
         )
-        place = f"hydra.sweep.dir={_quoted(str(self.sweep))}"
-        words = [[*job.overrides, place, f"hydra.sweep.subdir={_quoted(job.name)}"] for job in jobs]
+        place = f"hydra.sweep.dir={state.quoted(str(self.sweep))}"
+        words = [[*job.overrides, place, f"hydra.sweep.subdir={state.quoted(job.name)}"] for job in jobs]
         return launcher.launch(words, initial_job_idx=jobs[0].number)
 
     def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:
@@ -124,8 +124,3 @@ def _told(error: Exception) -> str:
         return f"{error.filename or 'the disk'}: {error.strerror or error}"
     said = " ".join(str(error).split())
     return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
-
-
-def _quoted(text: str) -> str:
-    """As a value that Hydra's grammar takes for this text."""
-    return "'" + text.replace("'", "\\'") + "'"

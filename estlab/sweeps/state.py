@@ -6,6 +6,8 @@ import fcntl
 import json
 import os
 import platform
+import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -18,22 +20,27 @@ from estlab.datasets.whole import write_text
 from estlab.errors import UserError
 
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
+PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 # What may change between a job and its repetition without changing a figure of it.
-_NO_MATTER = ("output", "plots", "report", "sweep")
+_NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective")
 
 State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A job of a sweep: its directory's name, what is typed for it, its values of the swept keys, its fingerprint."""
+    """A job of a sweep: its directory's name, what is typed for it, its values of the swept keys, its fingerprint.
+
+    parts: in how many parts it runs, each a job of its own, before they are put together; see estlab.sweeps.split.
+    """
 
     number: int
     name: str
     overrides: tuple[str, ...]
     values: dict[str, str]
     fingerprint: str
+    parts: int = 1
 
 
 @dataclass(frozen=True)
@@ -48,9 +55,18 @@ class Outcome:
 
 
 def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
-    """A hash of all that decides a job's figures: its resolved configuration and the names its randomness hangs on."""
+    """A hash of all that decides a job's figures: its resolved configuration and the names its randomness hangs on.
+
+    Of a part of a job, the job's and which part.
+    """
     decides = {key: value for key, value in plain.items() if key not in _NO_MATTER}
-    return sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
+    whole = sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
+    return of_part(whole, *plain["part"]) if plain.get("part") else whole
+
+
+def of_part(whole: str, which: int, parts: int) -> str:
+    """The fingerprint of a part of a job."""
+    return f"{whole} part {which} of {parts}"
 
 
 def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
@@ -66,7 +82,7 @@ def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
         return Outcome("damaged", f"{rundir.STATUS} holds an unknown status", 1)
     try:
         facts = json.loads((folder / rundir.RUN).read_text())
-        took = float(facts["wall_time_s"])
+        took = float(facts["wall_time_s"]) + float(facts.get(PARTS_TOOK, 0.0))
     except (OSError, ValueError, KeyError, TypeError):
         facts, took = {}, None
     if state != "ok":
@@ -74,6 +90,9 @@ def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
         return Outcome(state, str(error), int(code), took, _metrics(folder) or [])
     if fingerprint is not None and facts.get("fingerprint") != fingerprint:
         return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
+    if facts.get("part"):
+        whole = _is_readable(folder / rundir.PART)
+        return Outcome("ok", "", 0, took) if whole else Outcome("damaged", f"{rundir.PART} cannot be read", 1)
     rows = _metrics(folder)
     if rows is None:
         return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
@@ -91,6 +110,15 @@ def _metrics(folder: Path) -> list[dict[str, str]] | None:
     return rows if whole else None
 
 
+def _is_readable(archive: Path) -> bool:
+    """Whether every array of a .npz is there to its last byte."""
+    try:
+        with zipfile.ZipFile(archive) as stored:
+            return stored.testzip() is None
+    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+        return False
+
+
 def at_work(folder: Path) -> int | None:
     """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
     try:
@@ -105,14 +133,14 @@ def at_work(folder: Path) -> int | None:
     return int(stamp["pid"])
 
 
-def set_aside(folder: Path) -> None:
+def set_aside(sweep: Path, name: str) -> None:
     """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed."""
+    folder, kept = sweep / name, sweep / ATTEMPTS / name
     if not (folder / rundir.STATUS).exists():
         return
-    attempts = folder.parent / ATTEMPTS
-    attempts.mkdir(exist_ok=True)
+    kept.parent.mkdir(parents=True, exist_ok=True)
     for number in range(1, 1_000_000):
-        place = attempts / f"{folder.name}.{number}"
+        place = kept.with_name(f"{kept.name}.{number}")
         if not place.exists():
             folder.rename(place)
             return
@@ -150,23 +178,34 @@ def locked(sweep: Path) -> Iterator[None]:
         stream.truncate(0)
 
 
-def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned]) -> None:
+def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
     """Write the plan of a new sweep, or make sure that the one there is the same.
 
+    tuning: what tells one tuning from another, whose jobs follow from each other and are not known before.
     Raises UserError for a directory that holds another sweep or something else.
     """
-    content = [path.name for path in sweep.iterdir() if not path.name.startswith(".")]
-    if not content:
-        plan = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(job) for job in jobs]}
-        write_text(sweep / PLAN, json.dumps(plan, indent=1) + "\n")
+    if not [path for path in sweep.iterdir() if not path.name.startswith(".")]:
+        write_plan(sweep, arguments, jobs, tuning)
         return
-    there = [(job["name"], job["fingerprint"]) for job in plan_of(sweep)["jobs"]]
-    if there != [(job.name, job.fingerprint) for job in jobs]:
-        same = len(set(there) & {(job.name, job.fingerprint) for job in jobs})
-        raise UserError(
-            f"{sweep}: holds another sweep ({len(there)} jobs, {same} of them among the {len(jobs)} of this one); "
-            "give this one another sweep.dir, or resume that one with estlab sweep --resume"
-        )
+    plan = plan_of(sweep)
+    there = [(job["name"], job["fingerprint"]) for job in plan["jobs"]]
+    here = [(job.name, job.fingerprint) for job in jobs]
+    tuned = plan.get("tuning", "")
+    if tuned == tuning and (tuning or there == here):
+        return
+    told = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
+    if tuned or tuning:
+        told = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
+    raise UserError(
+        f"{sweep}: holds another sweep ({told}); "
+        "give this one another sweep.dir, or resume that one with estlab sweep --resume"
+    )
+
+
+def write_plan(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
+    """Write the words that were typed and the jobs that they make."""
+    plan: dict[str, Any] = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(j) for j in jobs]}
+    write_text(sweep / PLAN, json.dumps(plan | ({"tuning": tuning} if tuning else {}), indent=1) + "\n")
 
 
 def plan_of(sweep: Path) -> dict[str, Any]:
@@ -182,3 +221,8 @@ def plan_of(sweep: Path) -> dict[str, Any]:
     raise UserError(
         f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"
     )
+
+
+def quoted(text: str) -> str:
+    """As a value that Hydra's grammar takes for this text."""
+    return "'" + text.replace("'", "\\'") + "'"

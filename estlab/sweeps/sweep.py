@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, cast
 
 from estlab import rundir
 from estlab.config import sweep_settings
-from estlab.errors import UserError
 from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain, write_page
-from estlab.sweeps import jobs, state, table, told
+from estlab.sweeps import jobs, split, state, table, told
 from estlab.sweeps.progress import watched
-from estlab.sweeps.rounds import Rounds
 from estlab.sweeps.state import Outcome, Planned
+from estlab.sweeps.work import Work, opened
 
 if TYPE_CHECKING:
     from hydra.types import HydraContext
@@ -30,7 +29,6 @@ class Sweep:
         self.context, self.config = context, config
         self.limits = sweep_settings(cast(dict[str, object], OmegaConf.to_container(config.sweep, resolve=True)))
         self.directory = Path(str(config.hydra.sweep.dir)).resolve()  # for workers that stand elsewhere
-        self.errors: dict[str, str] = {}
 
     def run(self, words: Sequence[str]) -> int:
         """Run the sweep that these words describe; its exit code.
@@ -38,28 +36,24 @@ class Sweep:
         Raises UserError if nothing can start.
         """
         planned = jobs.planned(self.context, self.config, words, self.limits)
+        told.fewer_parts(planned, self.limits.split_runs)
         if self.limits.dry_run:
-            told.plan(planned, self._outcomes(planned))
+            told.plan(planned, split.outcomes(planned, self.directory))
             return OK
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            with state.locked(self.directory):
-                state.begin(self.directory, sys.argv[1:], planned)
-                return self._run(planned)
-        except OSError as error:
-            raise UserError(
-                f"{error.filename or self.directory}: {error.strerror}; make room or set output to another disk"
-            ) from error
+        with opened(self.directory):
+            state.begin(self.directory, sys.argv[1:], planned)
+            return self._run(planned)
 
     def _run(self, planned: list[Planned]) -> int:
         rundir.link_latest(self.directory, Path(str(self.config.output)))
+        work = Work(self.context, self.config, self.directory, self.limits)
         interrupted = False
         try:
-            self._run_what_is_left(planned)
+            self._run_what_is_left(work, planned)
         except KeyboardInterrupt:
             interrupted = True
-        outcomes = self._outcomes(planned)
-        code = INTERRUPTED if interrupted else _exit_code(outcomes.values())
+        outcomes = work.outcomes(planned)
+        code = INTERRUPTED if interrupted else exit_code(split.whole(job, outcomes) for job in planned)
         try:
             table.write_all(self.directory, planned, outcomes, self.limits.repeats)
             notes = self._plots(planned, outcomes)
@@ -72,38 +66,23 @@ class Sweep:
             complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
         return code
 
-    def _run_what_is_left(self, planned: list[Planned]) -> None:
-        before = self._outcomes(planned)
-        left = [job for job in planned if before[job.name].state != "ok"]
-        for job in left:
-            if process := state.at_work(self.directory / job.name):
-                raise UserError(
-                    f"{self.directory / job.name}: process {process}, of an earlier sweep, is still at work on it; "
-                    "wait for it or end it, then resume"
-                )
+    def _run_what_is_left(self, work: Work, planned: list[Planned]) -> None:
+        before = work.outcomes(planned)
+        left = [unit for unit in split.units(planned) if before[unit.name].state != "ok"]
+        work.claim(left)
         told.resumed(self.directory, planned, before)
-        for job in left:
-            state.set_aside(self.directory / job.name)
-        (self.directory / state.STOP).unlink(missing_ok=True)
-        rounds = Rounds(self.context, self.config, self.directory, self.limits)
-        self.errors = rounds.errors
-        try:
-            with watched(self.directory, [job.name for job in left], len(planned) - len(left)):
-                rounds.run(left)
-        finally:
-            (self.directory / state.STOP).unlink(missing_ok=True)
+        with work.unstopped(), watched(self.directory, len(before)) as expect:
+            expect([unit.name for unit in left], len(before) - len(left))
+            work.run(left)
 
     def _plots(self, planned: list[Planned], outcomes: dict[str, Outcome]) -> list[str]:
         if not self.config.plots:
             return []
         return table.draw_all(self.directory, planned, outcomes, self.limits.repeats, self.limits.zip)
 
-    def _outcomes(self, planned: Sequence[Planned]) -> dict[str, Outcome]:
-        found = {job.name: state.outcome(self.directory / job.name, job.fingerprint) for job in planned}
-        return found | {name: Outcome("failed", message, FAILED) for name, message in self.errors.items()}
 
-
-def _exit_code(outcomes: Iterable[Outcome]) -> int:
+def exit_code(outcomes: Iterable[Outcome]) -> int:
+    """0 all ok, 3 some failed, 1 none ok, 2 none could start."""
     found = list(outcomes)
     ok = sum(outcome.state == "ok" for outcome in found)
     if ok:

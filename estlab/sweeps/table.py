@@ -13,7 +13,7 @@ from estlab import rundir
 from estlab.datasets.whole import write_whole
 from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import Moments
-from estlab.sweeps import state
+from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
 
 SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
@@ -61,7 +61,7 @@ def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> lis
     """The rows of sweep.csv, numbers as the jobs wrote them."""
     rows = []
     for job in planned:
-        found = outcomes[job.name]
+        found = split.whole(job, outcomes)
         values = {key: job.values.get(key, "") for key in swept_keys(planned)}
         # What goes on elsewhere or was cut off is not done; only this machine knows which.
         word = {"running": "left", "interrupted": "left", "damaged": "failed"}.get(found.state, found.state)
@@ -118,9 +118,9 @@ def group_rows(rows: Sequence[Row], planned: Sequence[Planned]) -> list[Row]:
 
 
 def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:
-    """A row for each attempt that failed, those that a later one made good included."""
+    """A row for each attempt at a job or part that failed, those that a later one made good included."""
     rows = []
-    for job in planned:
+    for job in split.units(planned):
         earlier = state.attempts(sweep, job.name)
         tries = [(state.outcome(folder, job.fingerprint), folder) for folder in earlier]
         for number, (found, folder) in enumerate([*tries, (outcomes[job.name], sweep / job.name)], 1):

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab.report.console import console
-from estlab.sweeps import state, table
+from estlab.sweeps import split, state, table
 from estlab.sweeps.state import Outcome, Planned
 
 _LINES = 40  # rows of a table that are shown
@@ -29,17 +29,38 @@ def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
         words = [word for word in job.overrides if word not in _OURS and not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
-    left = sum(outcome.state != "ok" for outcome in outcomes.values())
-    out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}, {left} to run")
+    left = sum(outcomes[job.name].state != "ok" for job in planned)
+    parts = sum(job.parts for job in planned)
+    split_up = f" in {parts} parts" if parts > len(planned) else ""
+    out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}{split_up}, {left} to run")
+
+
+def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
+    """That jobs have fewer parts than were asked for."""
+    fewer = [job for job in planned if job.parts < wanted]
+    if fewer:
+        most = max(job.parts for job in fewer)
+        jobs = f"{len(fewer)} jobs run" if len(fewer) > 1 else f"{fewer[0].name} runs"
+        parts = f"{'at most ' * (len({job.parts for job in fewer}) > 1)}{most} part{'s' * (most > 1)}"
+        told = f"{jobs} in {parts}, one for each block of block_runs runs; a lower block_runs makes more"
+        print(f"estlab: sweep.split_runs={wanted}: {told}", file=sys.stderr)
 
 
 def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
     """What a sweep that was there already has, and which jobs of it are not as they should be."""
-    states = Counter(outcome.state for outcome in before.values())
-    if states["left"] == len(planned):
+    if all(outcome.state == "left" for outcome in before.values()):
         return
-    rest = "the others run" if states["ok"] < len(planned) else "nothing is left to run"
-    print(f"estlab: {sweep}: {states['ok']} of {len(planned)} jobs are ok, {rest}", file=sys.stderr)
+    done = [job for job in planned if before[job.name].state == "ok"]
+    rest = "the others run" if len(done) < len(planned) else "nothing is left to run"
+    parts = [part.name for job in planned if job not in done for part in split.parts_of(job)]
+    ready = sum(before[name].state == "ok" for name in parts)
+    of_parts = f" and {ready} of {len(parts)} parts of the others" if parts else ""
+    print(f"estlab: {sweep}: {len(done)} of {len(planned)} jobs{of_parts} are ok, {rest}", file=sys.stderr)
+    damaged(before)
+
+
+def damaged(before: Mapping[str, Outcome]) -> None:
+    """What of an earlier attempt cannot be used."""
     for name, outcome in before.items():
         if outcome.state == "damaged":
             kept = f"what there is of it is kept in {state.ATTEMPTS}/"
@@ -60,7 +81,7 @@ def summary(
     out.print(_table(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
         out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
-    _print_failures(sweep, [(job.name, outcomes[job.name]) for job in planned])
+    failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
     for note in notes:
         out.print(Text(f"note: {note}"), soft_wrap=True)
     counts = Counter({row["job"]: row["status"] for row in jobs}.values())
@@ -68,7 +89,8 @@ def summary(
     out.print(Text(str(sweep)), soft_wrap=True)
 
 
-def _print_failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
+    """A line for each job and part that failed, as many as a person reads."""
     out = console()
     failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
     for name, found in failed[:_FAILURES]:

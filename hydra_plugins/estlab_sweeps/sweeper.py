@@ -1,4 +1,4 @@
-"""The sweeper of estlab, where Hydra looks for one: it takes plugins from this package alone."""
+"""The sweepers of estlab, where Hydra looks for them: it takes plugins from this package alone."""
 
 from typing import Any
 
@@ -20,5 +20,17 @@ class EstlabSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> Any:
         from estlab.sweeps.sweep import Sweep
 
-        words = [f"{key}={value}" for key, value in (self.params or {}).items()]
-        raise SystemExit(Sweep(*self.given).run([*words, *arguments]))
+        raise SystemExit(Sweep(*self.given).run(self.words(arguments)))
+
+    def words(self, arguments: list[str]) -> list[str]:
+        """What the experiment names, then what is typed."""
+        return [*(f"{key}={value}" for key, value in (self.params or {}).items()), *arguments]
+
+
+class TuningSweeper(EstlabSweeper):
+    """Settings chosen by Optuna, each knowing what those before it found."""
+
+    def sweep(self, arguments: list[str]) -> Any:
+        from estlab.sweeps.tuning import Tuning
+
+        raise SystemExit(Tuning(*self.given).run(self.words(arguments)))

@@ -7,10 +7,11 @@ from dataclasses import fields
 import pytest
 
 from estlab.cli import _comment, main
-from estlab.config import Data, Noise, Settings, build, key_paths, nearest
+from estlab.config import Settings, build, key_paths, nearest
 from estlab.errors import UserError
 from estlab.expectations import parse
 from estlab.filters.gaussian import GaussianFilter, extended
+from estlab.groups import Data, Noise
 from estlab.paths import conf_folder
 from tests.conftest import composed, options, settings
 

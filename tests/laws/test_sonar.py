@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.config import Scales
 from estlab.maths.space import TURN
 from estlab.maths.streams import Streams
 from estlab.models import sonar
+from estlab.scenarios.contract import Scales
 from tests.conftest import settings
 
 PLACE = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))

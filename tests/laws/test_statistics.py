@@ -206,7 +206,7 @@ def test_a_run_is_lost_if_it_stays_beyond_the_limit_to_the_end_and_not_if_it_com
     off[0, 100:190, 2] = 150.0  # comes back
     off[0, 195:, 3] = 150.0  # leaves too late to tell
     cov = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, 200, 4))
-    found = Estimates(record.truth + off, cov, np.full(record.readings.values.shape, np.nan), None, {})
+    found = Estimates(record.truth + off, cov, *np.full((2, *record.readings.values.shape), np.nan), None, {})
     tally = tallied(problem, record, found, range(10, 14))
     assert tally.diverged == {"not_finite": 0, "not_definite": 0, "lost": 1}
     assert tally.diverged_first["lost"] == [11]

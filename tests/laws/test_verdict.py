@@ -88,7 +88,8 @@ def test_more_particles_are_advised_where_they_are_too_few_and_not_where_runs_ar
             record.readings, values=record.readings.values[..., part], target=record.readings.target[:, part]
         )
         sample = np.stack([np.full((60, runs), size), np.full((60, runs), 1.0 - 1.0 / size)])
-        mine = Estimates(found.mean[..., part], found.cov[..., part], found.whitened[..., part], sample, {})
+        fit = found.whitened[..., part], found.log_scale[..., part]
+        mine = Estimates(found.mean[..., part], found.cov[..., part], *fit, sample, {})
         return told(replace(record, truth=record.truth[..., part], readings=readings), mine)
 
     small = verdict(sampled(20.0, 30), "filter.particles")
@@ -137,7 +138,8 @@ def test_the_component_shown_is_the_one_that_is_furthest_off():
         mean = (record.truth + error + off)[..., :runs]
         readings = replace(record.readings, values=record.readings.values[..., :runs])
         part = replace(record, truth=record.truth[..., :runs], readings=readings)
-        mine = Estimates(mean, found.cov[..., :runs], found.whitened[..., :runs], None, {})
+        fit = found.whitened[..., :runs], found.log_scale[..., :runs]
+        mine = Estimates(mean, found.cov[..., :runs], *fit, None, {})
         assert answers(told(part, mine))[BIAS].of == "velocity"
 
 

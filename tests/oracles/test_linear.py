@@ -1,8 +1,10 @@
 """On a linear model every member of the family is the Kalman filter, and the Kalman filter is conditioning."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 
 from estlab.filters.ensemble import EnsembleFilter
 from estlab.filters.gaussian import GaussianFilter, extended, gauss_hermite, iterated, second_order, unscented
@@ -15,6 +17,7 @@ from estlab.maths.streams import Streams
 from estlab.metrics import series
 from estlab.metrics.intervals import chi_square_band, mean_interval
 from estlab.metrics.moments import Moments
+from estlab.record import Readings
 from tests import linear
 from tests.conftest import estimate, metrics, tallied
 
@@ -40,8 +43,8 @@ FAMILY = {
 }
 
 
-def conditioned(record, run):
-    """Mean and covariance of all states given all readings, from the joint Gaussian of everything at once."""
+def joint(record, run):
+    """Means of all states and of all readings, their covariances and the cross-covariance, everything at once."""
     a, g, h = linear.A, linear.G, linear.H
     steps, n = record.time.size, 3
     to_start = [np.linalg.matrix_power(a, k + 1) for k in range(steps)]
@@ -56,10 +59,15 @@ def conditioned(record, run):
     mean = np.concatenate([m @ record.prior.mean[:, run] for m in to_start])
     big_h = np.kron(np.eye(steps), h)
     s = big_h @ state_cov @ big_h.T + np.kron(np.eye(steps), linear.R)
-    cross = state_cov @ big_h.T
+    return mean, big_h @ mean, state_cov, s, state_cov @ big_h.T
+
+
+def conditioned(record, run):
+    """Mean and covariance of all states given all readings, from the joint Gaussian."""
+    mean, expected, state_cov, s, cross = joint(record, run)
     z = record.readings.values[:, :, run].T.ravel()
     gain = np.linalg.solve(s, cross.T).T
-    return mean + gain @ (z - big_h @ mean), state_cov - gain @ cross.T
+    return mean + gain @ (z - expected), state_cov - gain @ cross.T
 
 
 @pytest.mark.parametrize("name", FAMILY)
@@ -72,6 +80,62 @@ def test_every_member_is_conditioning_of_the_joint_gaussian(name):
         tolerance = 1e-7 if "small" in name else 1e-8 if name[:3] in ("sec", "mod") else 1e-10
         np.testing.assert_allclose(found.mean[:, -1, run], mean[-3:], atol=tolerance)
         np.testing.assert_allclose(found.cov[:, :, -1, run], cov[-3:, -3:], atol=tolerance)
+
+
+@pytest.mark.parametrize("name", FAMILY)
+@pytest.mark.parametrize("missing", [False, True])
+def test_the_likelihood_of_every_member_is_that_of_the_joint_gaussian_of_all_readings(name, missing):
+    record = linear.record(range(4), steps=12)
+    if missing:
+        record.readings.values[0, 3:6, 1] = np.nan
+        record.readings.values[:, 8, 2] = np.nan
+    found = estimate(FAMILY[name], linear.MOTION, linear.SENSOR, record)
+    each = []
+    for run in range(4):
+        _, expected, _, s, _ = joint(record, run)
+        z = record.readings.values[:, :, run].T.ravel()
+        has = np.isfinite(z)
+        each.append(multivariate_normal(expected[has], s[np.ix_(has, has)]).logpdf(z[has]) / has.sum())
+    tolerance = 1e-7 if "small" in name else 1e-8 if name[:3] in ("sec", "mod") else 1e-10
+    row = metrics(tallied(linear, record, found))["loglik", "all"]
+    np.testing.assert_allclose(row.value, np.mean(each), atol=tolerance, rtol=0.0)
+    assert row.n == 4
+
+
+@pytest.mark.parametrize(
+    "filter",
+    [EnsembleFilter(4000, 1.0), ParticleFilter(4000, "systematic", 0.5, 0.0, 0.0, 0.0, "bootstrap", "flatten")],
+    ids=["enkf", "pf"],
+)
+def test_the_likelihood_of_a_cloud_is_nearly_that_of_the_kalman_filter(filter):
+    record = linear.record(range(20), steps=15)
+    found, exact = (
+        metrics(tallied(linear, record, estimate(one, linear.MOTION, linear.SENSOR, record)))["loglik", "all"].value
+        for one in (filter, FAMILY["ekf-additive"])
+    )
+    assert abs(found - exact) < 0.01
+
+
+def test_the_likelihood_leaves_out_what_was_gated_and_is_the_same_of_readings_stacked():
+    record = linear.record(range(3), steps=12)
+    record.readings.values[:, 5, 1] += 100.0
+    without = linear.record(range(3), steps=12)
+    without.readings.values[:, 5, 1] = np.nan
+    gated, missing = (
+        metrics(tallied(linear, one, estimate(filter, linear.MOTION, linear.SENSOR, one)))["loglik", "all"]
+        for one, filter in ((record, extended("additive", 1.0 - 1e-12)), (without, FAMILY["ekf-additive"]))
+    )
+    assert gated == missing
+    doubled = replace(
+        without, readings=Readings(np.repeat(np.arange(6), 2), without.readings.values, without.readings.target)
+    ).first(6)
+    turns, stack = (
+        metrics(
+            tallied(linear, doubled, estimate(FAMILY["ekf-additive"], linear.MOTION, linear.SENSOR, doubled, scheme))
+        )
+        for scheme in ("sequential", "stacked")
+    )
+    np.testing.assert_allclose(turns["loglik", "all"].value, stack["loglik", "all"].value, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["ekf-additive", "ukf-augmented", "ckf-additive", "ukf_wide-augmented"])

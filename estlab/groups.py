@@ -1,0 +1,52 @@
+"""Groups of keys that no class of the laboratory's own has: noise, data, sweep."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from estlab.scenarios.contract import Scales
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the filter assumes and what the truth has, apart."""
+
+    filter: Scales
+    truth: Scales
+
+
+@dataclass(frozen=True)
+class Data:
+    """Where truth and readings come from: made here, or read from files."""
+
+    source: Literal["simulated", "files"]
+    path: str | None
+    prefix: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """How the jobs of a sweep are made and run."""
+
+    dir: str
+    zip: list[str]
+    repeats: int
+    split_runs: int
+    retries: int
+    timeout: float | None
+    fail_fast: bool
+    dry_run: bool
+    trials: int
+    batch: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.repeats <= 1_000_000:
+            raise ValueError(f"repeats must be from 1 to 1e6, got {self.repeats}")
+        if not 1 <= self.split_runs <= 10_000:
+            raise ValueError(f"split_runs must be from 1 to 1e4, got {self.split_runs}")
+        if not 0 <= self.retries <= 1000:
+            raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
+        for name in ("trials", "batch"):
+            if not 1 <= getattr(self, name) <= 100_000:
+                raise ValueError(f"{name} must be from 1 to 1e5, got {getattr(self, name)}")
+        if self.timeout is not None and self.timeout <= 0.0:
+            raise ValueError(f"timeout must be > 0, got {self.timeout}")

@@ -1,0 +1,118 @@
+"""The trials of a tuning: their table, their picture, and what a person is told of the best."""
+
+import csv
+import io
+import math
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from rich.table import Table
+from rich.text import Text
+
+from estlab import rundir
+from estlab.datasets.whole import write_whole
+from estlab.metrics.objective import Objective
+from estlab.report.console import console
+from estlab.sweeps.dimensions import Dimension, Numbers
+from estlab.sweeps.state import Outcome, Planned
+
+TUNING = "tuning.csv"
+_SHOWN = 5  # the best trials
+_END = 0.02  # of an interval, near which a value is at its end
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A job and what it was worth; error: why it has no objective."""
+
+    job: Planned
+    state: Literal["ok", "failed", "no objective", "left"] = "left"
+    objective: float | None = None
+    error: str = ""
+
+
+def concluded(job: Planned, found: Outcome, objective: Objective, lost: float) -> Trial:
+    """A trial whose job has ended. lost: the share of runs that may break."""
+    if found.state != "ok":
+        return Trial(job, "failed" if found.state in ("failed", "damaged") else "left", error=found.error)
+    try:
+        return Trial(job, "ok", objective.of(found.rows, lost))
+    except ValueError as error:
+        return Trial(job, "no objective", error=str(error))
+
+
+def ranked(trials: Sequence[Trial]) -> list[Trial]:
+    """Those with a finite objective, the best first, of equals the earlier."""
+    known = [trial for trial in trials if trial.objective is not None and math.isfinite(trial.objective)]
+    return sorted(known, key=lambda trial: (trial.objective, trial.job.number))
+
+
+def write(sweep: Path, trials: Sequence[Trial]) -> None:
+    """Write tuning.csv: trial, job, values, objective, best so far, state, error."""
+    text, best = io.StringIO(newline=""), math.inf
+    keys = list(dict.fromkeys(key for trial in trials for key in trial.job.values))
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["trial", "job", *keys, "objective", "best", "state", "error"])
+    for trial in trials:
+        best = min(best, math.inf if trial.objective is None else trial.objective)
+        values = [trial.job.values[key] for key in keys]
+        numbers = ["" if one is None else repr(one) for one in (trial.objective, best if best < math.inf else None)]
+        writer.writerow([trial.job.number, trial.job.name, *values, *numbers, trial.state, trial.error])
+    write_whole(sweep / TUNING, lambda stream: stream.write(text.getvalue().encode()))
+
+
+def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> None:
+    """Draw plots/tuning.png from tuning.csv."""
+    from estlab.report import tuning
+
+    if not ranked(trials):
+        return
+    figure = tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words)
+    (sweep / rundir.PLOTS).mkdir(exist_ok=True)
+    write_whole(sweep / rundir.PLOTS / "tuning.png", partial(figure.savefig, format="png", dpi=110))
+
+
+def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[str]:
+    """Where the best value is at an end of what could be chosen from."""
+    notes = []
+    for best in ranked(trials)[:1]:
+        for key, among in dimensions.items():
+            if isinstance(among, Numbers) and among.step is None:
+                value = best.job.values[key.lstrip("+")]
+                low, high, at = (math.log(x) if among.log else x for x in (among.low, among.high, float(value)))
+                if min(at - low, high - at) < _END * (high - low):
+                    notes.append(f"{key}={value} is at the end of its interval; a wider one may have better")
+    return notes
+
+
+def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
+    """The best trials, the best as a command that can be typed, and where it all is."""
+    out, best = console(), ranked(trials)
+    shown = Table(box=None, pad_edge=False)
+    for heading in ("trial", *(trials[0].job.values if trials else ()), objective.words):
+        shown.add_column(Text(heading), justify="right")
+    for trial in best[:_SHOWN]:
+        shown.add_row(str(trial.job.number), *trial.job.values.values(), f"{trial.objective:.5g}")
+    out.print(shown)
+    for trial in trials:
+        if trial.state == "no objective":
+            out.print(Text(f"no objective: {trial.job.name}: {trial.error}"), soft_wrap=True)
+    for note in notes:
+        out.print(Text(f"note: {note}"), soft_wrap=True)
+    counts = Counter([*(trial.state for trial in trials), *["left"] * (wanted - len(trials))])
+    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "failed", "no objective", "left") if counts[word]))
+    if best:
+        out.print(Text(f"best: {command(best[0])}"), soft_wrap=True)
+        out.print(Text(str(sweep / best[0].job.name)), soft_wrap=True)
+    out.print(Text(str(sweep)), soft_wrap=True)
+
+
+def command(trial: Trial) -> str:
+    """The trial as a run of its own."""
+    leave = ("sweep.", "plots=", "expect=null", "objective=", "output=")
+    return shlex.join(["estlab", "run", *(word for word in trial.job.overrides if not word.startswith(leave))])

@@ -1,0 +1,165 @@
+"""Settings chosen by Optuna, each trial a job of a sweep; the trials on the disk, replayed, are the study."""
+
+import json
+import sys
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from estlab import rundir
+from estlab.config import build, nearest, sweep_settings
+from estlab.ensemble import SMOOTHED, Names, filters_of
+from estlab.errors import UserError
+from estlab.launch import FAILED, INTERRUPTED, OK, complain
+from estlab.metrics.objective import Objective
+from estlab.sweeps import jobs, split, state, table, told, trials
+from estlab.sweeps.dimensions import dimension
+from estlab.sweeps.progress import watched
+from estlab.sweeps.state import Planned
+from estlab.sweeps.sweep import SOME_FAILED
+from estlab.sweeps.trials import Trial
+from estlab.sweeps.work import Work, opened
+
+if TYPE_CHECKING:
+    import optuna
+    from hydra.types import HydraContext
+    from omegaconf import DictConfig
+
+
+class Tuning:
+    """Trials in rounds of sweep.batch. What Optuna suggests follows from the seed and from what was told before.
+
+    So a tuning that was stopped is replayed: the same suggestions, of which those that ended are not run again.
+    """
+
+    def __init__(self, context: "HydraContext", config: "DictConfig") -> None:
+        from omegaconf import OmegaConf
+
+        self.context, self.config = context, config
+        self.limits = sweep_settings(cast(dict[str, Any], OmegaConf.to_container(config.sweep, resolve=True)))
+        self.directory = Path(str(config.hydra.sweep.dir)).resolve()
+        try:
+            self.objective = Objective.parse(str(config.objective))
+        except ValueError as error:
+            raise UserError(str(error)) from error
+        self.trials: list[Trial] = []
+
+    def run(self, words: Sequence[str]) -> int:
+        """Run the tuning that these words describe; its exit code.
+
+        Raises UserError if nothing can start.
+        """
+        fixed, swept = jobs.parsed(self.context, words)
+        self.fixed = list(fixed.values())
+        self.dimensions = {key: dimension(override) for key, override in swept.items()}
+        if not self.dimensions:
+            raise UserError("nothing to tune: give a key an interval, as noise.filter.process_scale='interval(0.2,5)'")
+        if self.limits.zip or self.limits.repeats > 1:
+            raise UserError("sweep.zip and sweep.repeats are not for tuning; runs=... makes the objective more certain")
+        study = self._study()
+        first, plain, names = self._suggested(study.ask(self._distributions), 0)
+        self._check(plain, names)
+        told.fewer_parts([first], self.limits.split_runs)
+        if self.limits.dry_run:
+            told.plan([first], split.outcomes([first], self.directory))
+            print(f"the first of {self.limits.trials} trials; the others follow from what it finds")
+            return OK
+        with opened(self.directory):
+            self.mark = self._mark(first)
+            state.begin(self.directory, sys.argv[1:], [], self.mark)
+            return self._run(len(split.units([first])), float(plain["verdict"]["lost"]))
+
+    @property
+    def _distributions(self) -> "dict[str, optuna.distributions.BaseDistribution]":
+        return {key: one.distribution() for key, one in self.dimensions.items()}
+
+    def _study(self) -> "optuna.Study":
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=int(self.config.seed)))
+
+    def _mark(self, first: Planned) -> str:
+        """What decides the suggestions, but for what the trials find: another Optuna may suggest others."""
+        import optuna
+
+        decides = [first.name, first.fingerprint, repr(self.dimensions), repr(self.objective), self.limits.batch]
+        return f"Optuna {optuna.__version__}, {sha256(json.dumps(decides).encode()).hexdigest()[:16]}"
+
+    def _check(self, plain: dict[str, Any], names: Names) -> None:
+        """Raise UserError where no trial could have such an objective."""
+        settings, wanted = build(plain), self.objective
+        space = settings.scenario.space
+        components = [*space.names, *(["position"] if space.position else [])]
+        if wanted.name == "rmse" and wanted.component not in components:
+            near = nearest(wanted.component, components) or f"; {names.scenario} has {', '.join(components)}"
+            raise UserError(f"objective: there is no component {wanted.component}{near}")
+        filters = [name + end for name in filters_of(settings, names) for end in ("", SMOOTHED)[: 1 + settings.smooth]]
+        if wanted.filter and wanted.filter not in filters and "filter" not in self.dimensions:
+            raise UserError(f"objective: there is no filter {wanted.filter} here, but {', '.join(filters)}")
+
+    def _suggested(self, asked: "optuna.Trial", number: int) -> tuple[Planned, dict[str, Any], Names]:
+        values = {key: one.word(asked.params[key]) for key, one in self.dimensions.items()}
+        chosen = [f"{key}={value}" for key, value in values.items()]
+        shown = {key.lstrip("+"): value for key, value in values.items()}
+        return jobs.composed(self.context, self.config, number, [*self.fixed, *chosen], shown, self.limits)
+
+    def _run(self, units: int, lost: float) -> int:
+        rundir.link_latest(self.directory, Path(str(self.config.output)))
+        work = Work(self.context, self.config, self.directory, self.limits)
+        interrupted = False
+        try:
+            with work.unstopped(), watched(self.directory, units * self.limits.trials) as expect:
+                study = self._study()
+                while len(self.trials) < self.limits.trials and not work.stopped:
+                    self._round(study, work, expect, lost)
+        except KeyboardInterrupt:
+            interrupted = True
+        return self._conclude(work, interrupted)
+
+    def _round(self, study: "optuna.Study", work: Work, expect: Any, lost: float) -> None:
+        from optuna.trial import TrialState
+
+        begin = len(self.trials)
+        numbers = range(begin, min(begin + self.limits.batch, self.limits.trials))
+        asked = [study.ask(self._distributions) for _ in numbers]
+        planned = [self._suggested(one, number)[0] for one, number in zip(asked, numbers, strict=True)]
+        self.trials += [Trial(job) for job in planned]
+        before = work.outcomes(planned)
+        # What failed stays so when it is resumed: the trials after it were chosen knowing that.
+        open_ones = [job for job in planned if split.whole(job, before).state != "failed"]
+        left = [unit for unit in split.units(open_ones) if before[unit.name].state != "ok"]
+        work.claim(left)
+        told.damaged(before)
+        expect([unit.name for unit in left], len(before) - len(left))
+        work.run(left)
+        outcomes = work.outcomes(planned)
+        for one, job, number in zip(asked, planned, numbers, strict=True):
+            trial = self.trials[number] = trials.concluded(job, split.whole(job, outcomes), self.objective, lost)
+            if trial.objective is None:
+                study.tell(one, state=TrialState.FAIL)
+            else:
+                study.tell(one, trial.objective)
+
+    def _conclude(self, work: Work, interrupted: bool) -> int:
+        planned = [trial.job for trial in self.trials]
+        outcomes = work.outcomes(planned)
+        counted = [trial.state == "ok" for trial in self.trials]
+        some = SOME_FAILED if any(counted) else FAILED
+        code = INTERRUPTED if interrupted else OK if all(counted) and len(counted) == self.limits.trials else some
+        notes = trials.edges(self.trials, self.dimensions)
+        try:
+            state.write_plan(self.directory, sys.argv[1:], planned, self.mark)
+            table.write_all(self.directory, planned, outcomes, repeats=1)
+            trials.write(self.directory, self.trials)
+            if self.config.plots:
+                trials.draw(self.directory, self.trials, self.objective)
+        except OSError as error:
+            notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
+            code = max(code, FAILED)
+        told.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
+        trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
+        if interrupted:
+            complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
+        return code

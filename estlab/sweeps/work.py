@@ -1,0 +1,81 @@
+"""Jobs, whole or in parts, run in the directory of a sweep that nobody else is at work in."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estlab.errors import UserError
+from estlab.groups import Sweep
+from estlab.launch import FAILED
+from estlab.sweeps import split, state
+from estlab.sweeps.rounds import Rounds
+from estlab.sweeps.state import Outcome, Planned
+
+if TYPE_CHECKING:
+    from hydra.types import HydraContext
+    from omegaconf import DictConfig
+
+
+class Work:
+    """What is run in a sweep's directory, and what came of it."""
+
+    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: Sweep) -> None:
+        self.sweep, self.rounds = sweep, Rounds(context, config, sweep, limits)
+
+    def outcomes(self, jobs: Sequence[Planned]) -> dict[str, Outcome]:
+        """Of each job and part: what its directory says, or why it has none."""
+        lost = {name: Outcome("failed", message, FAILED) for name, message in self.rounds.errors.items()}
+        return {name: lost.get(name, found) for name, found in split.outcomes(jobs, self.sweep).items()}
+
+    def claim(self, units: Sequence[Planned]) -> None:
+        """Make sure that these jobs and parts can be run.
+
+        Raises UserError if a worker of an earlier sweep is still at one.
+        """
+        for unit in units:
+            if process := state.at_work(self.sweep / unit.name):
+                raise UserError(
+                    f"{self.sweep / unit.name}: process {process}, of an earlier sweep, is still at work on it; "
+                    "wait for it or end it, then resume"
+                )
+
+    def run(self, units: Sequence[Planned]) -> None:
+        """Run these jobs and parts, then put together the jobs among them whose parts are ok.
+
+        Raises UserError if the launcher itself cannot start.
+        """
+        for unit in units:
+            state.set_aside(self.sweep, unit.name)
+        self.rounds.run([unit for unit in units if unit.parts == 1])
+        self.rounds.run(split.merges([unit for unit in units if unit.parts > 1], self.sweep))
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a job failed, and no other shall begin (sweep.fail_fast)."""
+        return (self.sweep / state.STOP).exists()
+
+    @contextmanager
+    def unstopped(self) -> Iterator[None]:
+        """Nothing is stopped at the beginning of the body, nor after it."""
+        (self.sweep / state.STOP).unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            (self.sweep / state.STOP).unlink(missing_ok=True)
+
+
+@contextmanager
+def opened(sweep: Path) -> Iterator[None]:
+    """A sweep's directory, made if it is not there, for this process alone.
+
+    Raises UserError if another process has it, or it cannot be written.
+    """
+    try:
+        sweep.mkdir(parents=True, exist_ok=True)
+        with state.locked(sweep):
+            yield
+    except OSError as error:
+        raise UserError(
+            f"{error.filename or sweep}: {error.strerror}; make room or set output to another disk"
+        ) from error
