@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+# One thread of arithmetic a worker, as Dask sets it, but without its MALLOC_TRIM_THRESHOLD_: with it every large array
+# is given back to the system at once, whose time then exceeds that of the arithmetic.
+_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1)
+
+
 class DaskLauncher(Launcher):
     """One task a job. A worker that dies takes its own job with it, which the scheduler gives to another."""
 
@@ -47,7 +52,8 @@ class DaskLauncher(Launcher):
             with (
                 # One job a worker at a time, so that a death strikes one job.
                 dask.config.set({"distributed.scheduler.allowed-failures": self.allowed_failures,
-                                 "distributed.scheduler.worker-saturation": 1.0}),
+                                 "distributed.scheduler.worker-saturation": 1.0,
+                                 "distributed.nanny.pre-spawn-environ": _WORKERS}),
                 LocalCluster(n_workers=self.workers, threads_per_worker=1, host="127.0.0.1",
                              dashboard_address=None, silence_logs="CRITICAL") as cluster,
                 Client(cluster) as client,

@@ -62,6 +62,15 @@ def test_dask_starts_workers_of_its_own():
 
 
 @dask
+def test_its_own_workers_keep_memory_that_is_freed_for_the_next_array():
+    from hydra_plugins.estlab_sweeps.dask_launcher import DaskLauncher
+
+    with DaskLauncher(None, 1, 3, 10.0)._client() as client:
+        for name, value in (("MALLOC_TRIM_THRESHOLD_", None), ("OPENBLAS_NUM_THREADS", "1")):
+            assert set(client.run(os.getenv, name).values()) == {value}
+
+
+@dask
 def test_workers_that_are_killed_take_their_own_jobs_alone_which_run_again(scheduler):
     words = ["scenario=landmark", "steps=100", "runs=10", "filter=pf", "plots=false", "seed=1,2,3,4,5"]
     killed = {}
