@@ -153,7 +153,7 @@ def test_no_target_but_estlabs_own_of_the_kind_is_called(target, said, capsys):
     "spoil",
     [
         lambda run: edit(run / "run.json", names={"scenario": "../../../out", "filter": "ukf"}),
-        lambda run: edit(run / "run.json", names={"scenario": "/tmp/out", "filter": "ukf"}),
+        lambda run: edit(run / "run.json", names={"scenario": "/out", "filter": "ukf"}),
         lambda run: configure(output="/nowhere/out", scenario={}),
         lambda run: configure(filters={"../out": {}, "a\x1b": {}}),
         lambda run: (run / "config.yaml").write_text("scenario: !!python/object/apply:os.system ['touch ran']\n"),
