@@ -202,8 +202,8 @@ def test_a_dry_run_counts_the_parts(capsys):
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("part=[0,2]", "part: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead"),
-        ("parts=[a,b]", "parts: a sweep makes parts of its jobs itself"),
+        ("part=[0,2]", "part=[0,2]: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead"),
+        ("parts=[a,b]", "parts=[a,b]: a sweep makes parts of its jobs itself"),
         ("sweep.split_runs=0", "sweep.split_runs must be from 1 to 1e4, got 0"),
     ],
 )
