@@ -62,9 +62,10 @@ def test_dask_starts_workers_of_its_own():
 
 
 @dask
-def test_its_own_workers_keep_memory_that_is_freed_for_the_next_array():
+def test_its_own_workers_keep_memory_that_is_freed_for_the_next_array(monkeypatch):
     from hydra_plugins.estlab_sweeps.dask_launcher import DaskLauncher
 
+    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)  # Dask leaves it in a process that had a cluster
     with DaskLauncher(None, 1, 3, 10.0)._client() as client:
         for name, value in (("MALLOC_TRIM_THRESHOLD_", None), ("OPENBLAS_NUM_THREADS", "1")):
             assert set(client.run(os.getenv, name).values()) == {value}
