@@ -1,0 +1,1 @@
+"""How fast estlab is, as ratios against fixed references timed in the same run."""
