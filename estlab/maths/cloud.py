@@ -1,0 +1,115 @@
+"""Weighted points of many runs, gone through in pieces that stay in the cache.
+
+A cloud is ``(n, N, runs)`` and its weights ``(N, runs)``. In memory each run's numbers of a component lie side by side,
+so that a sum over a run's points is taken in the same order whatever other runs there are: a run alone is, to the last
+bit, what it is among others.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.space import Array, Space
+
+# Numbers of one component in a piece: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
+# many that calling NumPy costs little beside them. Of more numbers than these OpenBLAS shares a sum out among its
+# threads, and the order would be the machine's.
+PIECE = 10_000
+
+
+def empty(n: int, count: int, runs: int) -> Array:
+    """Room for a cloud (n, count, runs), each run's numbers of a component side by side."""
+    return np.empty((n, runs, count)).swapaxes(1, 2)
+
+
+def even(count: int, runs: int, value: float) -> Array:
+    """The same number (count, runs) for all points."""
+    return np.full((runs, count), value).T
+
+
+def laid_out(points: Array) -> Array:
+    """A copy of points (n, N, runs) that lies in memory as a cloud does."""
+    cloud = empty(*points.shape)
+    cloud[:] = points
+    return cloud
+
+
+def groups(count: int, runs: int) -> Iterator[slice]:
+    """Runs, so many at once that a component of their points is about a piece."""
+    together = max(1, PIECE // count)
+    return (slice(first, min(first + together, runs)) for first in range(0, runs, together))
+
+
+def pieces(count: int) -> Iterator[slice]:
+    """Points of a run in pieces, the same ones whatever other runs there are."""
+    return (slice(first, min(first + PIECE, count)) for first in range(0, count, PIECE))
+
+
+def fill(room: Array, components: tuple[Any, ...]) -> None:
+    """Put components, numbers or arrays, into an array (n, *batch)."""
+    for place, component in zip(room, components, strict=True):
+        place[...] = component
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Sums (*shape, runs) of the products of (*shape, N, runs), with N no more than a piece."""
+    return np.vecdot(np.swapaxes(a, -1, -2), np.swapaxes(b, -1, -2))
+
+
+def combined(matrix: Array, vectors: Array) -> Array:
+    """A x for A (n, k, 1 or runs) and x (k, N, runs), without the products of zeros: most noises are independent."""
+    product = np.empty_like(vectors, shape=(matrix.shape[0], *vectors.shape[1:]))
+    for row, place in zip(matrix, product, strict=True):
+        terms = [(entry, vector) for entry, vector in zip(row, vectors, strict=True) if entry.any()]
+        if not terms:
+            place[...] = 0.0
+        for number, (entry, vector) in enumerate(terms):
+            if number == 0:
+                np.multiply(entry, vector, out=place)
+            else:
+                place += entry * vector
+    return product
+
+
+def mean(space: Space, points: Array, weights: Array) -> Array:
+    """Weighted mean (n, runs) of a cloud whose weights sum to one, of angles the circular one."""
+    parts = [space.sums(points[:, part], weights[part]) for part in pieces(len(weights))]
+    return space.mean_of(sum(parts[1:], parts[0]))
+
+
+def moments(space: Space, points: Array, weights: Array) -> Gaussian:
+    """Weighted mean (n, runs) and covariance (n, n, runs) of a cloud whose weights sum to one."""
+    n, count, runs = points.shape
+    means, cov = np.empty((n, runs)), np.zeros((n, n, runs))
+    for own in groups(count, runs):
+        means[:, own] = mean(space, points[..., own], weights[:, own])
+        for part in pieces(count):
+            spread = space.minus(points[:, part, own], means[:, None, own])
+            weighted = weights[part, own] * spread
+            for i in range(n):
+                cov[i, : i + 1, own] += dot(weighted[i], spread[: i + 1])
+    for i in range(n):
+        cov[:i, i] = cov[i, :i]
+    return Gaussian(means, cov)
+
+
+def of(values: Array, runs: Array) -> Array:
+    """Those of some of the runs: values (*shape, runs), each run's side by side."""
+    return np.moveaxis(np.moveaxis(values, -1, -2)[..., runs, :], -2, -1)
+
+
+def put(values: Array, runs: Array, part: Array) -> Array:
+    """A copy of (*shape, runs) with some of the runs replaced."""
+    copy = values.copy(order="K")
+    copy[..., runs] = part
+    return copy
+
+
+def chosen(points: Array, runs: Array, indices: Array) -> Array:
+    """The points (n, N, some) with these indices (N, some) in some of the runs."""
+    n, count, every = points.shape
+    flat = points.swapaxes(1, 2).reshape(n, every * count)
+    places = (indices + count * runs).T
+    return np.stack([component.take(places) for component in flat]).swapaxes(1, 2)
