@@ -178,18 +178,38 @@ def _weighed(sensor: Sensor, belief: Particles, reading: Array, place: Array) ->
     whitening = solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(np.eye(m)[..., None], factor.shape))
     logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
     for some in cloud.groups(count, runs):
-        expected = cloud.empty(m, count, some.stop - some.start)
-        for part in cloud.pieces(count):
-            values = expected[:, part]
-            cloud.fill(values, sensor.measure(belief.points[:, part, some], own(place, some)))
-            residual = sensor.space.minus(reading[:, None, some], values)
-            if missing.any():
-                residual = np.where(missing[:, None, some], 0.0, residual)
-            whitened = cloud.combined(own(whitening, some), residual)
-            squares = np.einsum("ipr,ipr->pr", whitened, whitened)
-            np.subtract(belief.weights.log[part, some], squares, out=logs[part, some])
+        look = _Look(sensor, reading[:, some], own(place, some), own(whitening, some))
+        expected, squares = look.at(belief.points[..., some])
+        np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
         mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
     return logs, Gaussian(mean, cov)
+
+
+class _Look(NamedTuple):
+    """A reading (m, runs), what it is about, and what turns a difference from it into independent numbers."""
+
+    sensor: Sensor
+    reading: Array
+    place: Array
+    whitening: Array
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """The readings (m, N, runs) that points would give, and how far each is from this one, -log p (N, runs)."""
+        _, count, runs = points.shape
+        expected, squares = cloud.empty(len(self.reading), count, runs), cloud.empty(1, count, runs)[0]
+        missing = np.isnan(self.reading)[:, None]
+
+        def piece(part: slice) -> None:
+            values = expected[:, part]
+            cloud.fill(values, self.sensor.measure(points[:, part], self.place))
+            residual = self.sensor.space.minus(self.reading[:, None], values)
+            if missing.any():
+                residual = np.where(missing, 0.0, residual)
+            whitened = cloud.combined(self.whitening, residual)
+            np.einsum("ipr,ipr->pr", whitened, whitened, out=squares[part])
+
+        cloud.each(piece, count)
+        return expected, squares
 
 
 def _fit(sensor: Sensor, expected: Gaussian, reading: Array) -> Fit:

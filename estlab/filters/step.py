@@ -31,7 +31,7 @@ class Step(NamedTuple):
         z = draws.normals((motion.noise_size, before.shape[1]))
         return cls(motion, before, control, factor if factor.ndim > 2 else factor[..., None], z, dt)
 
-    def of(self, runs: Array) -> "Step":
+    def of(self, runs: Array | slice) -> "Step":
         """The prediction in some of the runs."""
         before, z = cloud.of(self.before, runs), cloud.of(self.z, runs)
         return self._replace(before=before, control=own(self.control, runs), factor=own(self.factor, runs), z=z)
@@ -44,11 +44,15 @@ class Step(NamedTuple):
         """The points (n, N, runs) after it."""
         after = cloud.empty(*self.before.shape)
         for runs in cloud.groups(*after.shape[1:]):
-            control, factor = own(self.control, runs), own(self.factor, runs)
-            for part in cloud.pieces(after.shape[1]):
-                noise = cloud.combined(factor, self.z[:, part, runs])
-                cloud.fill(after[:, part, runs], self.motion.move(self.before[:, part, runs], control, noise, self.dt))
+            self.of(runs)._move(after[..., runs])
         return after
+
+    def _move(self, after: Array) -> None:
+        def piece(part: slice) -> None:
+            noise = cloud.combined(self.factor, self.z[:, part])
+            cloud.fill(after[:, part], self.motion.move(self.before[:, part], self.control, noise, self.dt))
+
+        cloud.each(piece, after.shape[1])
 
 
 def own(values: Array, runs: Any) -> Array:

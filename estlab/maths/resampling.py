@@ -48,16 +48,26 @@ class Weights(NamedTuple):
             logs[:, vanished], top[vanished] = 0.0, 0.0
         linear, sizes = cloud.empty(1, count, runs)[0], np.empty(runs)
         for own in cloud.groups(count, runs):
-            total, squares = np.zeros((2, own.stop - own.start))
-            for part in cloud.pieces(count):
-                logs[part, own] -= top[own]
-                weight = np.exp(logs[part, own], out=linear[part, own])
-                total += weight.sum(axis=0)
-                squares += cloud.dot(weight, weight)
-            logs[:, own] -= np.log(total)
-            linear[:, own] /= total
-            sizes[own] = total * total / squares
+            sizes[own] = _normalise(logs[:, own], top[own], linear[:, own])
         return cls(logs, linear, sizes, vanished)
+
+
+def _normalise(logs: Array, top: Array, linear: Array) -> Array:
+    """Log-weights (N, runs) less what their exponentials, put into ``linear``, sum to; the effective sizes (runs,)."""
+
+    def exponentials(part: slice) -> Array:
+        logs[part] -= top
+        weight = np.exp(logs[part], out=linear[part])
+        return np.stack([weight.sum(axis=0), cloud.dot(weight, weight)])
+
+    def shares(part: slice) -> None:
+        logs[part] -= np.log(total)
+        linear[part] /= total
+
+    sums = cloud.each(exponentials, len(logs))
+    total, squares = sum(sums[1:], sums[0])
+    cloud.each(shares, len(logs))
+    return total * total / squares
 
 
 def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
