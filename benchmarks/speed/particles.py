@@ -4,7 +4,6 @@ python -m benchmarks.speed.particles
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from benchmarks.speed.plain_particles import Found, Problem, bootstrap
 from benchmarks.speed.turns import Row, faster
 from estlab.config import build
 from estlab.filters.loop import Loop
+from estlab.maths import cloud
 from estlab.maths.streams import Streams
 from estlab.paths import conf_folder
 from estlab.record import Estimates, Record
@@ -24,15 +24,16 @@ SEED = 1
 
 
 def rows() -> Iterator[Row]:
-    """A thousand particles in a hundred runs, and a hundred thousand in one."""
-    yield _row("sonar pf, 1000 particles × 100 runs × 50 steps, one core", 1000, range(100), 50, range(4), 2.0)
-    yield _row("sonar pf, 100,000 particles × 1 run × 20 steps, one core", 100_000, range(1), 20, range(1), 3.0)
-
-
-def _row(work: str, particles: int, runs: range, steps: int, plain: range, goal: float) -> Row:
-    case = Case(particles, runs, steps)
-    share = len(plain) / len(runs)
-    return faster(work, case.estimated, REFERENCE, lambda: [case.plain(run) for run in plain], share, goal)
+    """A thousand particles in a hundred runs, and a hundred thousand in one, which two threads share."""
+    many = Case(1000, range(100), 50)
+    few = range(4)
+    share = len(few) / len(many.runs)
+    work = "sonar pf, 1000 particles × 100 runs × 50 steps, one core"
+    yield faster(work, many.estimated, REFERENCE, lambda: [many.plain(run) for run in few], share, 2.0)
+    large = Case(100_000, range(1), 20)
+    work = "sonar pf, 100,000 particles × 1 run × 20 steps, both cores"
+    with cloud.threads(2):
+        yield faster(work, large.estimated, REFERENCE, lambda: large.plain(0), 1.0, 3.0)
 
 
 class Case:
@@ -59,7 +60,7 @@ class Case:
 
 
 def _composed(*overrides: str) -> dict[str, Any]:
-    with initialize_config_dir(str(Path(conf_folder())), version_base="1.3"):
+    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
         return OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True)  # type: ignore
 
 
