@@ -1,5 +1,7 @@
 """An ensemble of runs through filters, block by block, every filter on the same truth and readings."""
 
+import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +13,7 @@ import numpy as np
 from estlab.config import Settings
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
+from estlab.maths import cloud
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
@@ -119,7 +122,8 @@ def estimated(
         for name, loop in loops.items():
             draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
             began = time.perf_counter()
-            found |= _found(loop, name, record, draws, tick, settings.smooth)
+            with cloud.threads(_threads()):
+                found |= _found(loop, name, record, draws, tick, settings.smooth)
             ensemble.seconds[name] = ensemble.seconds.get(name, 0.0) + time.perf_counter() - began
         if number == 0:
             ensemble.kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()}
@@ -197,6 +201,13 @@ def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:
         shown=shown,
         run=int(arrays["run"][0]),
     )
+
+
+def _threads() -> int:
+    """Threads for what one process computes: as many as it has cores, but one where it is one of several."""
+    if multiprocessing.parent_process() is not None:
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _found(

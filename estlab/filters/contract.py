@@ -1,7 +1,7 @@
 """What every filter answers."""
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -69,7 +69,12 @@ class Belief(Protocol):
 
 
 class Filter(ABC):
-    """A belief, carried from reading to reading. What a belief is, each family knows for itself."""
+    """A belief, carried from reading to reading. What a belief is, each family knows for itself.
+
+    sums_by_run: whether sums over a run are taken in an order that does not depend on how many runs there are.
+    """
+
+    sums_by_run: ClassVar[bool] = False
 
     def check(self, motion: Motion, sensor: Sensor) -> None:  # noqa: B027 - most have nothing to refuse
         """Raise ValueError, naming the key, if the filter is not defined for these models."""

@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
-from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, transpose, without
+from estlab.filters.step import Step
+from estlab.maths import cloud
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import cholesky, matmul, solve_lower, transpose, without
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
@@ -21,11 +23,11 @@ class Ensemble(NamedTuple):
 
     def of(self, runs: Array) -> "Ensemble":
         """The belief in some of the runs."""
-        return Ensemble(self.points[..., runs], self.draws.of(runs))
+        return Ensemble(cloud.of(self.points, runs), self.draws.of(runs))
 
     def put(self, runs: Array, part: "Ensemble") -> "Ensemble":
         """The belief with those of some runs replaced."""
-        return Ensemble(placed(self.points, runs, part.points), self.draws)
+        return Ensemble(cloud.put(self.points, runs, part.points), self.draws)
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,10 @@ class EnsembleFilter(Filter):
             raise ValueError(f"members must be > {motion.space.size}, the size of the state, got {self.members}")
 
     def start(self, prior: Prior, draws: Draws) -> Ensemble:
-        return Ensemble(prior.sample(draws, self.members), draws)
+        return Ensemble(cloud.laid_out(prior.sample(draws, self.members)), draws)
 
     def predict(self, motion: Motion, belief: Ensemble, control: Array, dt: float) -> Ensemble:
-        z = belief.draws.normals((motion.noise_size, self.members))
-        noise = matmul(cholesky(motion.noise_cov(control, dt)), z)
-        points = motion.step(belief.points, control, noise, dt)
+        points = Step.drawn(motion, belief.points, control, dt, belief.draws).points()
         if self.inflation > 1.0:
             mean = _mean(motion.space, points)[:, None]
             points = motion.space.plus(mean, self.inflation * motion.space.minus(points, mean))
@@ -63,26 +63,28 @@ class EnsembleFilter(Filter):
 
     def update(self, sensor: Sensor, belief: Ensemble, reading: Array, place: Array) -> tuple[Ensemble, Fit]:
         m = sensor.space.size
-        expected = sensor.read(belief.points, place)
+        expected = cloud.laid_out(sensor.read(belief.points, place))
         mean = _mean(sensor.space, expected)
         of_value = sensor.space.minus(expected, mean[:, None])
         of_state = sensor.state.minus(belief.points, _mean(sensor.state, belief.points)[:, None])
-        blur = matmul(cholesky(sensor.noise_cov), belief.draws.normals((m, self.members)))
+        blur = cloud.combined(cholesky(sensor.noise_cov)[..., None], belief.draws.normals((m, self.members)))
         missing = np.isnan(reading)
-        of_value = np.where(missing[:, None], 0.0, of_value)
-        noise_cov = without(sensor.noise_cov, missing)
-        factor = cholesky(gram(of_value) / (self.members - 1) + noise_cov)
-        gain = solve_lower(factor, gram(of_value, of_state) / (self.members - 1))
-        innovation = np.where(missing, 0.0, sensor.space.minus(reading, mean))
-        each = np.where(missing[:, None], 0.0, sensor.space.minus((reading[:, None] + blur), expected))
-        points = sensor.state.plus(belief.points, matmul(transpose(gain), solve_lower(factor, each)))
+        innovation, each = sensor.space.minus(reading, mean), sensor.space.minus(reading[:, None] + blur, expected)
+        if missing.any():
+            innovation = np.where(missing, 0.0, innovation)
+            of_value, each = (np.where(missing[:, None], 0.0, values) for values in (of_value, each))
+        factor = cholesky(cloud.gram(of_value, of_value) / (self.members - 1) + without(sensor.noise_cov, missing))
+        whitening = solve_lower(factor, np.broadcast_to(np.eye(m)[..., None], factor.shape))
+        cross = cloud.gram(of_state, of_value) / (self.members - 1)
+        gain = matmul(matmul(cross, transpose(whitening)), whitening)
+        points = sensor.state.plus(belief.points, cloud.combined(gain, each))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
         return Ensemble(points, belief.draws), fit_of(whitened, factor, missing, None)
 
     def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
-        mean = _mean(motion.space, belief.points)
-        spread = motion.space.minus(belief.points, mean[:, None])
-        return Gaussian(mean, gram(spread) / (self.members - 1))
+        even = cloud.even(self.members, belief.points.shape[2], 1.0 / self.members)
+        mean, cov = cloud.moments(motion.space, belief.points, even)
+        return Gaussian(mean, cov * (self.members / (self.members - 1)))
 
     def sample(self, belief: Ensemble) -> Sample:
         runs = belief.points.shape[2]
@@ -90,4 +92,5 @@ class EnsembleFilter(Filter):
 
 
 def _mean(space: Space, members: Array) -> Array:
-    return space.mean(members, np.full(members.shape[1:], 1.0 / members.shape[1]))
+    count, runs = members.shape[1:]
+    return cloud.mean(space, members, cloud.even(count, runs, 1.0 / count))

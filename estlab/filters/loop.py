@@ -46,7 +46,7 @@ class Loop:
 
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         """The belief after each step. draws: the filter's own streams. tick: called after every step."""
-        if record.runs > 1 or not record.each_its_own:
+        if record.runs > 1 or not record.each_its_own or self.filter.sums_by_run:
             return self._forward(record, draws, tick, None)
         # NumPy adds in another order where the batch is one, which a filter near losing its way magnifies: a run alone
         # shall be what it is among others, so it is given company.

@@ -6,63 +6,45 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.step import Step, own
+from estlab.maths import cloud
 from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, without
-from estlab.maths.resampling import Scheme, effective_size, log_normalised, resample
+from estlab.maths.linalg import cholesky, solve_lower, without
+from estlab.maths.resampling import Scheme, Weights, resample
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
 
 
-class Step(NamedTuple):
-    """The last prediction, kept for a filter that chooses ancestors once it has seen the reading."""
-
-    motion: Motion
-    before: Array
-    control: Array
-    noise: Array
-    dt: float
-
-    def of(self, runs: Array) -> "Step":
-        """The prediction in some of the runs."""
-        control = self.control[..., runs] if self.control.shape[-1] > 1 else self.control
-        return self._replace(before=self.before[..., runs], control=control, noise=self.noise[..., runs])
-
-
 class Particles(NamedTuple):
-    """Points (n, N, runs) and normalised log-weights (N, runs); where they began, and their streams.
+    """A cloud (n, N, runs) with its weights; where it began, and its streams.
 
-    vanished: (runs,) how often all weights were lost since the last prediction.
+    lost: (runs,) how often all weights were lost since the last prediction.
     last: the prediction that made the points. fresh: (runs,) whether no reading has come since.
     """
 
     points: Array
-    log_weights: Array
+    weights: Weights
     prior: Prior
     draws: Draws
-    vanished: Array
+    lost: Array
     last: Step | None
     fresh: Array
 
     def of(self, runs: Array) -> "Particles":
         """The belief in some of the runs."""
-        arrays = (self.points, self.log_weights, self.vanished, self.fresh)
-        points, log_weights, vanished, fresh = (a[..., runs] for a in arrays)
         last = None if self.last is None else self.last.of(runs)
-        return Particles(points, log_weights, self.prior.of(runs), self.draws.of(runs), vanished, last, fresh)
+        own = self.prior.of(runs), self.draws.of(runs), self.lost[runs]
+        return Particles(cloud.of(self.points, runs), self.weights.of(runs), *own, last, self.fresh[runs])
 
     def put(self, runs: Array, part: "Particles") -> "Particles":
         """The belief with those of some runs replaced."""
         return self._replace(
-            points=placed(self.points, runs, part.points),
-            log_weights=placed(self.log_weights, runs, part.log_weights),
-            vanished=placed(self.vanished, runs, part.vanished),
+            points=cloud.put(self.points, runs, part.points),
+            weights=self.weights.put(runs, part.weights),
+            lost=placed(self.lost, runs, part.lost),
             fresh=placed(self.fresh, runs, part.fresh),
         )
-
-    @property
-    def weights(self) -> Array:
-        return np.exp(self.log_weights)
 
 
 @dataclass(frozen=True)
@@ -81,6 +63,8 @@ class ParticleFilter(Filter):
     the reading, ``redraw`` begins again from the prior. However small, a likelihood is none of these: the particle
     nearest the reading then has all the weight.
     """
+
+    sums_by_run = True
 
     particles: int
     resampling: Scheme
@@ -102,119 +86,136 @@ class ParticleFilter(Filter):
                 raise ValueError(f"{name} must be >= 0, got {getattr(self, name):g}")
 
     def start(self, prior: Prior, draws: Draws) -> Particles:
-        points = prior.sample(draws, self.particles)
-        runs = points.shape[-1]
-        even = np.full((self.particles, runs), -np.log(self.particles))
+        points = cloud.laid_out(prior.sample(draws, self.particles))
+        runs = points.shape[2]
+        even = Weights.even(self.particles, runs)
         return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
-        belief = self._resampled(motion, belief)
-        z = belief.draws.normals((motion.noise_size, self.particles))
-        noise = matmul(cholesky(motion.noise_cov(control, dt)), z)
-        points = motion.step(belief.points, control, noise, dt)
-        last = Step(motion, belief.points, control, noise, dt)
-        fresh = np.ones_like(belief.fresh)
-        return belief._replace(points=points, vanished=np.zeros_like(belief.vanished), last=last, fresh=fresh)
+        before = self._resampled(motion, belief)
+        step = Step.drawn(motion, before.points, control, dt, belief.draws)
+        nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
+        last = step if self.ancestors == "auxiliary" else None
+        return before._replace(points=step.points(), lost=nothing, last=last, fresh=fresh)
 
     def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
-        fit = _fit(sensor, belief, reading, place)
+        logs, expected = _weighed(sensor, belief, reading, place)
+        weighed = belief._replace(weights=Weights.of_logs(logs))
+        fit = _fit(sensor, expected, reading)
         fresh = np.flatnonzero(belief.fresh)
-        weighed = belief.log_weights + _log_likelihood(sensor, belief.points, reading, place)
-        updated = belief._replace(log_weights=weighed)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
-            part = belief.of(fresh)
-            place = place[..., fresh] if place.shape[-1] > 1 else place
-            part = self._with_chosen_ancestors(sensor, part, part.last, reading[:, fresh], place)
-            updated = updated.put(fresh, part)
-        belief = updated
-        log_weights, vanished = log_normalised(belief.log_weights)
-        points = belief.points
+            part = self._with_chosen_ancestors(sensor, belief.of(fresh), reading[:, fresh], own(place, fresh))
+            weighed = weighed.put(fresh, part)
+        vanished = weighed.weights.vanished
+        points = weighed.points
         if self.recovery == "redraw" and vanished.any():
             lost = np.flatnonzero(vanished)
-            points = placed(points, lost, belief.prior.of(lost).sample(belief.draws.of(lost), self.particles))
-        counted = belief.vanished + vanished
-        stale = np.zeros_like(belief.fresh)
-        return belief._replace(points=points, log_weights=log_weights, vanished=counted, fresh=stale), fit
+            points = cloud.put(points, lost, belief.prior.of(lost).sample(belief.draws.of(lost), self.particles))
+        return weighed._replace(points=points, lost=belief.lost + vanished, fresh=np.zeros_like(belief.fresh)), fit
 
     def moments(self, belief: Particles, motion: Motion) -> Gaussian:
-        weights = belief.weights
-        mean = motion.space.mean(belief.points, weights)
-        spread = motion.space.minus(belief.points, mean[:, None])
-        return Gaussian(mean, gram(weights * spread, spread))
+        return cloud.moments(motion.space, belief.points, belief.weights.linear)
 
     def sample(self, belief: Particles) -> Sample:
-        size = effective_size(belief.log_weights)
-        return Sample(size, 1.0 - 1.0 / size)
+        return Sample(belief.weights.size, 1.0 - 1.0 / belief.weights.size)
 
     def notes(self, belief: Particles) -> dict[str, Array]:
-        return {"ess": effective_size(belief.log_weights), "vanished": belief.vanished}
+        return {"ess": belief.weights.size, "vanished": belief.lost}
 
     def _resampled(self, motion: Motion, belief: Particles) -> Particles:
         """The belief with equal weights in the runs whose effective sample size is too small."""
-        few = np.flatnonzero(effective_size(belief.log_weights) < self.threshold * self.particles)
+        few = np.flatnonzero(belief.weights.size < self.threshold * self.particles)
         if few.size == 0:
             return belief
-        draws = belief.draws.of(few)
-        cloud, weights = belief.points[:, :, few], belief.weights[:, few]
-        chosen = np.take_along_axis(cloud, resample(self.resampling, weights, draws)[None], axis=1)
-        n = cloud.shape[0]
+        draws, weights = belief.draws.of(few), cloud.of(belief.weights.linear, few)
+        chosen = cloud.chosen(belief.points, few, resample(self.resampling, weights, draws))
+        n = chosen.shape[0]
         if self.roughening > 0.0:
-            about = motion.space.mean(cloud, weights)[:, None]
-            wide = np.ptp(motion.space.minus(cloud, about), axis=1)[:, None]  # round the mean: a heading has no ends
+            before = cloud.of(belief.points, few)
+            about = cloud.mean(motion.space, before, weights)[:, None]
+            wide = np.ptp(motion.space.minus(before, about), axis=1)[:, None]  # round the mean: a heading has no ends
             chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * draws.normals(chosen.shape[:2])
         if self.bandwidth > 0.0:
-            moments = self.moments(belief._replace(points=cloud, log_weights=belief.log_weights[:, few]), motion)
+            moments = cloud.moments(motion.space, cloud.of(belief.points, few), weights)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
             width = min(self.bandwidth * best, 1.0)
             # Drawn toward the mean by as much as the kernel spreads, so that the covariance stays. A cloud in one
             # point has no width to smooth by.
             about = moments.mean[:, None]
-            kernel = matmul(np.nan_to_num(cholesky(moments.cov), nan=0.0), draws.normals(chosen.shape[:2]))
+            kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), draws.normals(chosen.shape[:2]))
             chosen = about + np.sqrt(1.0 - width**2) * motion.space.minus(chosen, about) + width * kernel
         if self.injection > 0.0:
             fresh = belief.prior.of(few).sample(draws, self.particles)
             replaced = draws.uniforms((self.particles,)) < self.injection
             chosen = np.where(replaced, fresh, chosen)
-        points, log_weights = belief.points.copy(), belief.log_weights.copy()
-        points[:, :, few], log_weights[:, few] = chosen, -np.log(self.particles)
-        return belief._replace(points=points, log_weights=log_weights)
+        even = Weights.even(self.particles, few.size)
+        return belief._replace(points=cloud.put(belief.points, few, chosen), weights=belief.weights.put(few, even))
 
-    def _with_chosen_ancestors(
-        self, sensor: Sensor, belief: Particles, last: Step | None, reading: Array, place: Array
-    ) -> Particles:
+    def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Particles:
         """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
+        last = belief.last
         if last is None:
             return belief
-        silent = np.zeros_like(last.noise)
-        guess = last.motion.step(last.before, last.control, silent, last.dt)
-        fits = _log_likelihood(sensor, guess, reading, place)
-        first_stage, _ = log_normalised(belief.log_weights + fits)
-        chosen = resample(self.resampling, np.exp(first_stage), belief.draws)
-        before = np.take_along_axis(last.before, chosen[None], axis=1)
-        points = last.motion.step(before, last.control, last.noise, last.dt)
-        second = _log_likelihood(sensor, points, reading, place) - np.take_along_axis(fits, chosen, axis=0)
-        return belief._replace(points=points, log_weights=second)
+        even = Weights.even(*belief.weights.log.shape)
+        guess = belief._replace(points=last.silent().points(), weights=even)
+        fits, _ = _weighed(sensor, guess, reading, place)
+        first_stage = Weights.of_logs(belief.weights.log + fits).linear
+        chosen = resample(self.resampling, first_stage, belief.draws)
+        before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
+        moved = belief._replace(points=last._replace(before=before).points(), weights=even)
+        second, _ = _weighed(sensor, moved, reading, place)
+        return moved._replace(weights=Weights.of_logs(second - np.take_along_axis(fits, chosen, axis=0)))
 
 
-def _log_likelihood(sensor: Sensor, points: Array, reading: Array, place: Array) -> Array:
-    """log p(reading | point) up to a constant, (N, runs); a missing number says nothing."""
-    residual = sensor.space.minus(reading[:, None], sensor.read(points, place))
+def _weighed(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Array, Gaussian]:
+    """Log-weights (N, runs) with log p(reading | point), up to a constant; and what reading the belief expects.
+
+    A missing number says nothing.
+    """
+    m, (count, runs) = sensor.space.size, belief.weights.log.shape
     missing = np.isnan(reading)
-    residual = np.where(missing[:, None], 0.0, residual)
     factor = cholesky(without(sensor.noise_cov, missing))
-    whitened = solve_lower(factor[:, :, None], residual[:, None])[:, 0]
-    return -0.5 * np.einsum("i...,i...->...", whitened, whitened)
+    whitening = solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(np.eye(m)[..., None], factor.shape))
+    logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
+    for some in cloud.groups(count, runs):
+        look = _Look(sensor, reading[:, some], own(place, some), own(whitening, some))
+        expected, squares = look.at(belief.points[..., some])
+        np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
+        mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
+    return logs, Gaussian(mean, cov)
 
 
-def _fit(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Fit:
-    """NIS by the moments of the predicted reading under the weighted cloud."""
-    weights = belief.weights
-    expected = sensor.read(belief.points, place)
-    mean = sensor.space.mean(expected, weights)
-    spread = sensor.space.minus(expected, mean[:, None])
+class _Look(NamedTuple):
+    """A reading (m, runs), what it is about, and what turns a difference from it into independent numbers."""
+
+    sensor: Sensor
+    reading: Array
+    place: Array
+    whitening: Array
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """The readings (m, N, runs) that points would give, and how far each is from this one, -log p (N, runs)."""
+        _, count, runs = points.shape
+        expected, squares = cloud.empty(len(self.reading), count, runs), cloud.empty(1, count, runs)[0]
+        missing = np.isnan(self.reading)[:, None]
+
+        def piece(part: slice) -> None:
+            values = expected[:, part]
+            cloud.fill(values, self.sensor.measure(points[:, part], self.place))
+            residual = self.sensor.space.minus(self.reading[:, None], values)
+            if missing.any():
+                residual = np.where(missing, 0.0, residual)
+            whitened = cloud.combined(self.whitening, residual)
+            np.einsum("ipr,ipr->pr", whitened, whitened, out=squares[part])
+
+        cloud.each(piece, count)
+        return expected, squares
+
+
+def _fit(sensor: Sensor, expected: Gaussian, reading: Array) -> Fit:
+    """How a reading fitted what the weighted cloud expected."""
     missing = np.isnan(reading)
-    cov = without(gram(weights * spread, spread) + sensor.noise_cov[..., None], missing)
-    residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
-    factor = cholesky(cov)
+    residual = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
+    factor = cholesky(without(expected.cov + sensor.noise_cov[..., None], missing))
     whitened = solve_lower(factor, residual[:, None])[:, 0]
     return fit_of(whitened, factor, missing, None)

@@ -1,9 +1,10 @@
 """Choosing with replacement by weight. Douc, Cappe and Moulines 2005; Li, Bolic and Djuric 2015."""
 
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from estlab.maths import cloud
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 
@@ -11,45 +12,109 @@ Scheme = Literal["multinomial", "residual", "stratified", "systematic"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 
-def effective_size(log_weights: Array) -> Array:
-    """1 / sum w^2 (runs,) for normalised log-weights (N, runs)."""
-    return 1.0 / np.exp(2.0 * log_weights).sum(axis=0)
+class Weights(NamedTuple):
+    """Weights of sum one and their logarithms (N, runs), the effective size of each run's sample (runs,), and which
+    runs (runs,) had none left and got equal ones."""
 
+    log: Array
+    linear: Array
+    size: Array
+    vanished: Array
 
-def log_normalised(log_weights: Array) -> tuple[Array, Array]:
-    """Log-weights (N, runs) that sum to one, and which runs (runs,) have none left and got equal ones."""
-    with np.errstate(invalid="ignore"):
-        clean = np.where(np.isnan(log_weights), -np.inf, log_weights)
-        top = clean.max(axis=0)
+    @classmethod
+    def even(cls, count: int, runs: int) -> "Weights":
+        """The same for all."""
+        log, linear = (cloud.even(count, runs, value) for value in (-np.log(count), 1.0 / count))
+        return cls(log, linear, np.full(runs, float(count)), np.zeros(runs, dtype=bool))
+
+    def of(self, runs: Array) -> "Weights":
+        """Those of some of the runs."""
+        return Weights(cloud.of(self.log, runs), cloud.of(self.linear, runs), self.size[runs], self.vanished[runs])
+
+    def put(self, runs: Array, part: "Weights") -> "Weights":
+        """The weights with those of some runs replaced."""
+        return Weights(*(cloud.put(old, runs, new) for old, new in zip(self, part, strict=True)))
+
+    @classmethod
+    def of_logs(cls, logs: Array) -> "Weights":
+        """Those with these logarithms (N, runs) but for a factor; NaN is none. The array is taken over."""
+        count, runs = logs.shape
+        top = logs.max(axis=0)
         vanished = ~np.isfinite(top)
-        shifted = np.where(vanished, 0.0, clean - np.where(vanished, 0.0, top))
-    return shifted - np.log(np.exp(shifted).sum(axis=0)), vanished
+        if vanished.any():
+            logs[np.isnan(logs)] = -np.inf
+            top = logs.max(axis=0)
+            vanished = ~np.isfinite(top)
+            logs[:, vanished], top[vanished] = 0.0, 0.0
+        linear, sizes = cloud.empty(1, count, runs)[0], np.empty(runs)
+        for own in cloud.groups(count, runs):
+            sizes[own] = _normalise(logs[:, own], top[own], linear[:, own])
+        return cls(logs, linear, sizes, vanished)
+
+
+def _normalise(logs: Array, top: Array, linear: Array) -> Array:
+    """Log-weights (N, runs) less what their exponentials, put into ``linear``, sum to; the effective sizes (runs,)."""
+
+    def exponentials(part: slice) -> Array:
+        logs[part] -= top
+        weight = np.exp(logs[part], out=linear[part])
+        return np.stack([weight.sum(axis=0), cloud.dot(weight, weight)])
+
+    def shares(part: slice) -> None:
+        logs[part] -= np.log(total)
+        linear[part] /= total
+
+    sums = cloud.each(exponentials, len(logs))
+    total, squares = sum(sums[1:], sums[0])
+    cloud.each(shares, len(logs))
+    return total * total / squares
 
 
 def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
     """Indices (N, runs), each drawn N times its weight in the mean, with replacement; weights (N, runs)."""
-    count = weights.shape[0]
+    count, runs = weights.shape
     u = draws.uniforms((1 if scheme == "systematic" else count,))
-    chosen = np.empty(weights.shape, dtype=int)
-    for run in range(weights.shape[1]):
+    if scheme in ("systematic", "stratified"):
+        return _one_a_stratum(weights, u)
+    chosen = cloud.empty(1, count, runs)[0].astype(int)
+    for run in range(runs):
         chosen[:, run] = _choose(scheme, weights[:, run], u[:, run])
     return chosen
 
 
+def _one_a_stratum(weights: Array, u: Array) -> Array:
+    """For each of N equal shares of the weight, the point in which (share + u) / N of it lies; u (1 or N, runs).
+
+    A point's edge, the weight up to its end, tells within one how many of the positions are below it, and looking at
+    these tells it exactly: as a search for each position would, without the search.
+    """
+    count, runs = weights.shape
+    edges = np.cumsum(weights.T, axis=1)
+    end, share = edges[:, -1:], np.arange(count)
+    positions = np.empty((runs, count + 3))
+    positions[:, 0], positions[:, -2:] = -np.inf, np.inf
+    positions[:, 1:-2] = (share + u.T) / count * end
+    guess = np.minimum(edges * (count / end), count - 1).astype(int)
+    at, below = guess + (count + 3) * np.arange(runs)[:, None], guess - 1
+    for near in range(3):
+        below += positions.take(at + near) < edges
+    below[:, -1] = count  # what rounding leaves beyond the last edge is the last point's
+    copies = np.diff(below, axis=1, prepend=0)
+    return np.repeat(np.broadcast_to(share, copies.shape).reshape(-1), copies.reshape(-1)).reshape(runs, count).T
+
+
 def _choose(scheme: Scheme, weights: Array, u: Array) -> Array:
     count = weights.size
-    if scheme == "residual":
-        # Each its whole part of N w for certain, the rest at random by what is left over.
-        copies = np.floor(count * weights).astype(int)
-        certain = np.repeat(np.arange(count), copies)
-        left = count * weights - copies
-        missing = count - certain.size
-        if missing == 0:
-            return certain
-        return np.concatenate([certain, _pick(left / left.sum(), np.sort(u[:missing]))])
     if scheme == "multinomial":
         return _pick(weights, np.sort(u))
-    return _pick(weights, (np.arange(count) + u) / count)
+    # Residual: each its whole part of N w for certain, the rest at random by what is left over.
+    copies = np.floor(count * weights).astype(int)
+    certain = np.repeat(np.arange(count), copies)
+    left = count * weights - copies
+    missing = count - certain.size
+    if missing == 0:
+        return certain
+    return np.concatenate([certain, _pick(left / left.sum(), np.sort(u[:missing]))])
 
 
 def _pick(weights: Array, positions: Array) -> Array:

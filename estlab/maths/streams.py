@@ -28,7 +28,7 @@ class Streams:
 
     def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
-        return self.draws(purpose, runs).normals(shape)
+        return np.ascontiguousarray(self.draws(purpose, runs).normals(shape))
 
     def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
         """The streams of several runs, to be drawn from as one goes along."""
@@ -36,7 +36,7 @@ class Streams:
 
     def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
-        return self.draws(purpose, runs).uniforms(shape)
+        return np.ascontiguousarray(self.draws(purpose, runs).uniforms(shape))
 
 
 class Draws:
@@ -54,9 +54,15 @@ class Draws:
         return Draws([*self._generators, np.random.default_rng(0)])
 
     def normals(self, shape: tuple[int, ...]) -> Array:
-        """Standard normal numbers (*shape, runs)."""
-        return np.stack([generator.standard_normal(shape) for generator in self._generators], axis=-1)
+        """Standard normal numbers (*shape, runs), each run's side by side in memory."""
+        numbers = np.empty((len(self._generators), *shape))
+        for k, generator in enumerate(self._generators):
+            generator.standard_normal(out=numbers[k, ...])
+        return np.moveaxis(numbers, 0, -1)
 
     def uniforms(self, shape: tuple[int, ...]) -> Array:
-        """Numbers uniform on [0, 1) of shape (*shape, runs)."""
-        return np.stack([generator.random(shape) for generator in self._generators], axis=-1)
+        """Numbers uniform on [0, 1) of shape (*shape, runs), each run's side by side in memory."""
+        numbers = np.empty((len(self._generators), *shape))
+        for k, generator in enumerate(self._generators):
+            generator.random(out=numbers[k, ...])
+        return np.moveaxis(numbers, 0, -1)

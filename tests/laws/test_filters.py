@@ -5,6 +5,7 @@ import pytest
 
 from estlab.filters.gaussian import GaussianFilter, dead_reckoning, extended, unscented
 from estlab.maths.gaussian import Gaussian
+from estlab.maths.resampling import Weights
 from estlab.maths.sigma_points import Scaled
 from estlab.maths.streams import Streams
 from estlab.models.contract import Sensor
@@ -244,7 +245,7 @@ def test_roughening_does_not_depend_on_where_the_heading_is_cut():
         weights = np.zeros((1000, 1))
         weights[:500] = 1.0 / 500
         with np.errstate(divide="ignore"):
-            belief = belief._replace(log_weights=np.log(weights))
+            belief = belief._replace(weights=Weights.of_logs(np.log(weights)))
         after = experiment.filter.predict(motion, belief, np.zeros((2, 1)), 1e-9)
         spread.append(np.sqrt(experiment.filter.moments(after, motion).cov[2, 2, 0]))
     np.testing.assert_allclose(spread[0], spread[1], rtol=1e-6)

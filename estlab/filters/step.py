@@ -1,0 +1,60 @@
+"""A prediction of clouds: what moves them, by which noise."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estlab.maths import cloud
+from estlab.maths.linalg import cholesky
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
+from estlab.models.contract import Motion
+
+
+class Step(NamedTuple):
+    """A prediction over dt [s] from the points (n, N, runs) before it, the noise being a factor times z.
+
+    control: (c, runs or 1). factor: (q, q, runs or 1). z: (q, N, runs), standard normal.
+    """
+
+    motion: Motion
+    before: Array
+    control: Array
+    factor: Array
+    z: Array
+    dt: float
+
+    @classmethod
+    def drawn(cls, motion: Motion, before: Array, control: Array, dt: float, draws: Draws) -> "Step":
+        """One whose noise is drawn."""
+        factor = cholesky(motion.noise_cov(control, dt))
+        z = draws.normals((motion.noise_size, before.shape[1]))
+        return cls(motion, before, control, factor if factor.ndim > 2 else factor[..., None], z, dt)
+
+    def of(self, runs: Array | slice) -> "Step":
+        """The prediction in some of the runs."""
+        before, z = cloud.of(self.before, runs), cloud.of(self.z, runs)
+        return self._replace(before=before, control=own(self.control, runs), factor=own(self.factor, runs), z=z)
+
+    def silent(self) -> "Step":
+        """The prediction without noise."""
+        return self._replace(z=np.zeros_like(self.z))
+
+    def points(self) -> Array:
+        """The points (n, N, runs) after it."""
+        after = cloud.empty(*self.before.shape)
+        for runs in cloud.groups(*after.shape[1:]):
+            self.of(runs)._move(after[..., runs])
+        return after
+
+    def _move(self, after: Array) -> None:
+        def piece(part: slice) -> None:
+            noise = cloud.combined(self.factor, self.z[:, part])
+            cloud.fill(after[:, part], self.motion.move(self.before[:, part], self.control, noise, self.dt))
+
+        cloud.each(piece, after.shape[1])
+
+
+def own(values: Array, runs: Any) -> Array:
+    """Those of some of the runs, where each has its own: values (..., runs or 1)."""
+    return values if values.shape[-1] == 1 else values[..., runs]

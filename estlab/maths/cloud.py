@@ -1,0 +1,169 @@
+"""Weighted points of many runs, gone through in pieces that stay in the cache.
+
+A cloud is ``(n, N, runs)`` and its weights ``(N, runs)``. In memory each run's numbers of a component lie side by side,
+so that a sum over a run's points is taken in the same order whatever other runs there are: a run alone is, to the last
+bit, what it is among others.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from estlab.maths.gaussian import Gaussian
+from estlab.maths.space import Array, Space
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+# Numbers of one component in a piece: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
+# many that calling NumPy costs little beside them. Of more numbers than these OpenBLAS shares a sum out among its
+# threads, and the order would be the machine's.
+PIECE = 10_000
+
+Part = TypeVar("Part")
+
+_CREW: ContextVar["tuple[ThreadPoolExecutor | None, int]"] = ContextVar("crew", default=(None, 1))
+
+
+def empty(n: int, count: int, runs: int) -> Array:
+    """Room for a cloud (n, count, runs), each run's numbers of a component side by side."""
+    return np.empty((n, runs, count)).swapaxes(1, 2)
+
+
+def even(count: int, runs: int, value: float) -> Array:
+    """The same number (count, runs) for all points."""
+    return np.full((runs, count), value).T
+
+
+def laid_out(points: Array) -> Array:
+    """A copy of points (n, N, runs) that lies in memory as a cloud does."""
+    cloud = empty(*points.shape)
+    cloud[:] = points
+    return cloud
+
+
+def groups(count: int, runs: int) -> Iterator[slice]:
+    """Runs, so many at once that a component of their points is about a piece."""
+    together = max(1, PIECE // count)
+    return (slice(first, min(first + together, runs)) for first in range(0, runs, together))
+
+
+def each(work: Callable[[slice], Part], count: int) -> list[Part]:
+    """What the work gives of each piece of a run's points, in order; the pieces are the same whatever the runs are.
+
+    Within :func:`threads` the pieces are shared out among these.
+    """
+    parts = [slice(first, min(first + PIECE, count)) for first in range(0, count, PIECE)]
+    pool, crew = _CREW.get()
+    if pool is None or len(parts) < crew:
+        return [work(part) for part in parts]
+    # A thread begins without the context of its parent, in which NumPy keeps what to do about a division by zero.
+    others = [pool.submit(copy_context().run, _all, work, parts[k::crew]) for k in range(1, crew)]
+    shares = [_all(work, parts[::crew]), *(other.result() for other in others)]
+    return [shares[k % crew][k // crew] for k in range(len(parts))]
+
+
+@contextmanager
+def threads(number: int) -> Iterator[None]:
+    """Within this context, so many threads share the pieces of a large cloud."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(max(1, number - 1)) as pool:
+        token = _CREW.set((pool if number > 1 else None, number))
+        try:
+            yield
+        finally:
+            _CREW.reset(token)
+
+
+def _all(work: Callable[[slice], Part], parts: list[slice]) -> list[Part]:
+    return [work(part) for part in parts]
+
+
+def fill(room: Array, components: tuple[Any, ...]) -> None:
+    """Put components, numbers or arrays, into an array (n, *batch)."""
+    for place, component in zip(room, components, strict=True):
+        place[...] = component
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Sums (*shape, runs) of the products of (*shape, N, runs), with N no more than a piece."""
+    return np.vecdot(np.swapaxes(a, -1, -2), np.swapaxes(b, -1, -2))
+
+
+def combined(matrix: Array, vectors: Array) -> Array:
+    """A x for A (n, k, 1 or runs) and x (k, N, runs), without the products of zeros: most noises are independent."""
+    product = np.empty_like(vectors, shape=(matrix.shape[0], *vectors.shape[1:]))
+    for row, place in zip(matrix, product, strict=True):
+        terms = [(entry, vector) for entry, vector in zip(row, vectors, strict=True) if entry.any()]
+        if not terms:
+            place[...] = 0.0
+        for number, (entry, vector) in enumerate(terms):
+            if number == 0:
+                np.multiply(entry, vector, out=place)
+            else:
+                place += entry * vector
+    return product
+
+
+def mean(space: Space, points: Array, weights: Array) -> Array:
+    """Weighted mean (n, runs) of a cloud whose weights sum to one, of angles the circular one."""
+    parts = each(lambda part: space.sums(points[:, part], weights[part]), len(weights))
+    return space.mean_of(sum(parts[1:], parts[0]))
+
+
+def moments(space: Space, points: Array, weights: Array) -> Gaussian:
+    """Weighted mean (n, runs) and covariance (n, n, runs) of a cloud whose weights sum to one."""
+    n, count, runs = points.shape
+    means, cov = np.empty((n, runs)), np.empty((n, n, runs))
+    for own in groups(count, runs):
+        means[:, own], cov[..., own] = _moments(space, points[..., own], weights[:, own])
+    return Gaussian(means, cov)
+
+
+def gram(a: Array, b: Array) -> Array:
+    """A B' (n, m, runs) of clouds (n, N, runs) and (m, N, runs): the products summed over the points."""
+    parts = each(lambda part: np.stack([dot(row, b[:, part]) for row in a[:, part]]), a.shape[1])
+    return sum(parts[1:], parts[0])
+
+
+def _moments(space: Space, points: Array, weights: Array) -> Gaussian:
+    about = mean(space, points, weights)
+
+    def about_mean(part: slice) -> list[Array]:
+        spread = space.minus(points[:, part], about[:, None])
+        weighted = weights[part] * spread
+        return [dot(row, spread[: i + 1]) for i, row in enumerate(weighted)]
+
+    rows = [sum(parts[1:], parts[0]) for parts in zip(*each(about_mean, len(weights)), strict=True)]
+    cov = np.empty((len(about), *about.shape))
+    for i, row in enumerate(rows):
+        cov[i, : i + 1] = cov[: i + 1, i] = row
+    return Gaussian(about, cov)
+
+
+def of(values: Array, runs: Array | slice) -> Array:
+    """Those of some of the runs: values (*shape, runs), each run's side by side."""
+    return np.moveaxis(np.moveaxis(values, -1, -2)[..., runs, :], -2, -1)
+
+
+def put(values: Array, runs: Array, part: Array) -> Array:
+    """A copy of (*shape, runs) with some of the runs replaced."""
+    some = np.size(runs) < values.shape[-1]
+    copy = values.copy(order="K") if some else np.empty_like(values)
+    copy[..., runs] = part
+    return copy
+
+
+def chosen(points: Array, runs: Array, indices: Array) -> Array:
+    """The points (n, N, some) with these indices (N, some) in some of the runs."""
+    n, count, every = points.shape
+    flat = points.swapaxes(1, 2).reshape(n, every * count)
+    places = (indices + count * runs).T
+    found = empty(n, count, len(runs))
+    for component, room in zip(flat, found.swapaxes(1, 2), strict=True):
+        component.take(places, out=room, mode="clip")  # none is outside, and without clipping it would be copied
+    return found
