@@ -68,16 +68,6 @@ class Record:
         """Whether each run has a belief of its own; else they share one, having the same prior and no readings."""
         return isinstance(self.prior, Uniform) or self.prior.mean.shape[1] == self.runs
 
-    def twice(self) -> "Record":
-        """A record of one run as one of two equal ones."""
-        values, target = (np.repeat(array, 2, axis=-1) for array in (self.readings.values, self.readings.target))
-        return replace(
-            self,
-            truth=np.repeat(self.truth, 2, axis=2),
-            readings=Readings(self.readings.step, values, target),
-            prior=self.prior.of(np.zeros(2, dtype=int)),
-        )
-
     def first(self, steps: int | None) -> "Record":
         """The record up to this many steps."""
         if steps is None or steps >= self.time.size:
@@ -112,10 +102,3 @@ class Estimates:
     sample: Array | None
     notes: dict[str, Array]
     gate: float | None = None
-
-    def first(self) -> "Estimates":
-        """Those of the first run alone."""
-        notes = {name: values[:, :1] for name, values in self.notes.items()}
-        sample = None if self.sample is None else self.sample[..., :1]
-        fit = self.whitened[..., :1], self.log_scale[..., :1]
-        return Estimates(self.mean[..., :1], self.cov[..., :1], *fit, sample, notes, self.gate)

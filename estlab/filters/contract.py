@@ -1,11 +1,12 @@
 """What every filter answers."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from estlab.maths.gaussian import Gaussian
+from estlab.maths.linalg import summed
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 from estlab.maths.uniform import Uniform
@@ -42,13 +43,17 @@ def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -
     gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
     pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
     """
-    refused = np.zeros(whitened.shape[1:], dtype=bool)
-    if gate is not None:
-        nis = np.einsum("i...,i...->...", whitened, whitened)
-        refused = nis > chi_square_quantile(gate, (~missing).sum(axis=0))
-    unused = missing | refused
-    log_scale = np.log(np.einsum("ii...->i...", factor))
-    return Fit(np.where(unused, np.nan, whitened), np.where(unused, np.nan, log_scale), refused)
+    every = range(whitened.shape[0])
+    log_scale = np.log(factor[every, every])
+    if gate is None:
+        refused, unused = np.zeros(whitened.shape[1:], dtype=bool), missing
+    else:
+        nis = summed(whitened * whitened, 0)
+        refused = np.asarray(nis > chi_square_quantile(gate, (~missing).sum(axis=0)))
+        unused = missing | refused
+    if unused.any():
+        whitened, log_scale = np.where(unused, np.nan, whitened), np.where(unused, np.nan, log_scale)
+    return Fit(whitened, log_scale, refused)
 
 
 def chi_square_quantile(share: float, freedom: Array) -> Array:
@@ -69,12 +74,7 @@ class Belief(Protocol):
 
 
 class Filter(ABC):
-    """A belief, carried from reading to reading. What a belief is, each family knows for itself.
-
-    sums_by_run: whether sums over a run are taken in an order that does not depend on how many runs there are.
-    """
-
-    sums_by_run: ClassVar[bool] = False
+    """A belief, carried from reading to reading. What a belief is, each family knows for itself."""
 
     def check(self, motion: Motion, sensor: Sensor) -> None:  # noqa: B027 - most have nothing to refuse
         """Raise ValueError, naming the key, if the filter is not defined for these models."""

@@ -7,7 +7,8 @@ import numpy as np
 
 from estlab.filters.contract import Filter, Fit, Prior, fit_of
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, gram, sandwich, solve_lower, symmetric, transpose, without
+from estlab.maths.linalg import cholesky, matmul, matvec, solve_lower, transpose, without
+from estlab.maths.rows import through
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
@@ -47,22 +48,23 @@ class GaussianFilter(Filter):
         return Gaussian(mean, np.broadcast_to(cov.reshape(n, n, -1), (n, n, runs)))
 
     def predict(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Gaussian:
-        moments = self.propagate(motion, belief, control, dt)
-        return Gaussian(moments.mean, moments.cov)
+        moments = self._propagated(motion, belief, control, dt, crossed=False)
+        return Gaussian(motion.space.wrapped(moments.mean), moments.cov)
 
     def propagate(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
         """The prediction with its cross-covariance to the state before, which a smoother needs."""
-        moments = self._propagated(motion, belief, control, dt)
+        moments = self._propagated(motion, belief, control, dt, crossed=True)
         return moments._replace(mean=motion.space.wrapped(moments.mean))
 
-    def _propagated(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
+    def _propagated(self, motion: Motion, belief: Gaussian, control: Array, dt: float, crossed: bool) -> Moments:
         noise_cov = motion.noise_cov(control, dt)
         if self.noise == "augmented":
-            joint = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov))
+            joint = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov), crossed)
             return joint._replace(cross=joint.cross[: motion.space.size])
-        moments = self.transform(motion.function(control, dt), belief)
-        slope = motion.noise_jacobian(belief.mean, control, dt)
-        return moments._replace(cov=moments.cov + sandwich(slope, noise_cov))
+        function, noise_slope = motion.over(control, dt)
+        moments = self.transform(function, belief, crossed)
+        _, added = through(noise_slope(belief.mean), noise_cov, belief.mean.shape[1:])
+        return moments._replace(cov=moments.cov + added)
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
         return self.condition(sensor, belief, self.predicted(sensor, belief, place), reading, self.gate)
@@ -74,7 +76,7 @@ class GaussianFilter(Filter):
             joint = self.transform(sensor.joint_function(place, n), belief.joined(sensor.noise_cov))
             return joint._replace(cross=joint.cross[:n])
         moments = self.transform(sensor.function(place), belief)
-        return moments._replace(cov=moments.cov + sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1))
+        return moments._replace(cov=moments.cov + _shaped(sensor.noise_cov, moments.cov))
 
     def condition(
         self, sensor: Sensor, belief: Gaussian, predicted: Moments, reading: Array, gate: float | None
@@ -88,14 +90,13 @@ class GaussianFilter(Filter):
 
         # With S = L L', the gain times the innovation is (L^-1 C')' (L^-1 r), and K S K' is a gram matrix.
         factor = cholesky(innovation_cov)
-        gain = solve_lower(factor, transpose(cross))
-        whitened = solve_lower(factor, residual[:, None])[:, 0]
+        both = solve_lower(factor, np.concatenate([transpose(cross), residual[:, None]], axis=1))
+        gain, whitened = both[:, :-1], both[:, -1]
         found = fit_of(whitened, factor, missing, gate)
         if found.gated.any():
             gain = np.where(found.gated, 0.0, gain)
-        mean = sensor.state.plus(belief.mean, np.einsum("ik...,i...->k...", gain, whitened))
-        cov = symmetric(belief.cov - gram(transpose(gain)))
-        return Gaussian(mean, cov), found
+        mean = sensor.state.plus(belief.mean, matvec(transpose(gain), whitened))
+        return Gaussian(mean, belief.cov - matmul(transpose(gain), gain)), found
 
     def moments(self, belief: Gaussian, motion: Motion) -> Gaussian:
         return belief
@@ -106,8 +107,8 @@ class DeadReckoning(GaussianFilter):
     """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        nothing, m = np.ones(reading.shape, dtype=bool), reading.shape[0]
-        return belief, fit_of(np.zeros(reading.shape), np.eye(m)[..., None], nothing, None)
+        nothing = np.full(reading.shape, np.nan)
+        return belief, Fit(nothing, nothing, np.zeros(reading.shape[1:], dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ class IteratedFilter(GaussianFilter):
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
         found, first = super().update(sensor, belief, reading, place)
-        noise_cov = sensor.noise_cov.reshape(*sensor.noise_cov.shape, 1)
+        noise_cov = _shaped(sensor.noise_cov, belief.cov)
         for _ in range(self.iterations - 1):
             offset = sensor.state.minus(belief.mean, found.mean)
             moments = Linearised().about(sensor.function(place), belief, found.mean, offset)
@@ -182,6 +183,11 @@ def check_gate(gate: float | None) -> None:
     """Raise ValueError unless a gate is a probability or none."""
     if gate is not None and not 0.0 < gate < 1.0:
         raise ValueError(f"gate must lie between 0 and 1, or be null, got {gate:g}")
+
+
+def _shaped(constant: Array, like: Array) -> Array:
+    """A constant covariance (m, m) with as many axes as another (n, n, *batch)."""
+    return constant.reshape(*constant.shape, *(1,) * (like.ndim - 2))
 
 
 def _without(missing: Array, cross: Array, innovation_cov: Array, residual: Array) -> tuple[Array, Array, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 from estlab.filters.contract import Belief, Filter
 from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
+from estlab.maths.gaussian import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
@@ -46,19 +47,14 @@ class Loop:
 
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         """The belief after each step. draws: the filter's own streams. tick: called after every step."""
-        if record.runs > 1 or not record.each_its_own or self.filter.sums_by_run:
-            return self._forward(record, draws, tick, None)
-        # NumPy adds in another order where the batch is one, which a filter near losing its way magnifies: a run alone
-        # shall be what it is among others, so it is given company.
-        return self._forward(record.twice(), draws.with_another(), tick, None).first()
+        if record.runs == 1 and isinstance(self.filter, GaussianFilter) and self.scheme != "stacked":
+            return self._alone(record, tick)
+        return self._forward(record, draws, tick, None)
 
     def estimate_and_smooth(
         self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None
     ) -> tuple[Estimates, Estimates]:
         """The belief after each step, and what it is in the light of all readings."""
-        if record.runs == 1 and record.each_its_own:
-            both = self.estimate_and_smooth(record.twice(), draws.with_another(), tick)
-            return both[0].first(), both[1].first()
         links: list[Link | None] = []
         filtered = self._forward(record, draws, tick, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -76,6 +72,7 @@ class Loop:
         notes: dict[str, Array] = {"gated": np.zeros((steps, runs))}
         lapse = np.diff(record.time, prepend=record.start)
         bounds = record.readings.bounds(steps)
+        has = np.asarray(~np.isnan(record.readings.values).all(axis=0))
         belief = self.filter.start(record.prior, draws)
         # NaN is how a run says that it diverged, so the arithmetic that carries it is not worth a warning.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -86,7 +83,7 @@ class Loop:
                 if bounds[k + 1] > bounds[k]:
                     taken = slice(bounds[k], bounds[k + 1])
                     belief, notes["gated"][k] = self._update(
-                        belief, record, taken, whitened[:, taken], log_scale[:, taken]
+                        belief, record, taken, has[taken], whitened[:, taken], log_scale[:, taken]
                     )
                 mean[:, k], cov[:, :, k] = self.filter.moments(belief, self.motion)
                 if (sampled := self.filter.sample(belief)) is not None:
@@ -97,6 +94,46 @@ class Loop:
                 tick()
         return Estimates(mean, cov, whitened, log_scale, sample, notes, getattr(self.filter, "gate", None))
 
+    def _alone(self, record: Record, tick: Callable[[], None]) -> Estimates:
+        """Of a single run and a Gaussian belief: no array has the axis of runs, so that models work on plain numbers.
+
+        The arithmetic is that of many runs, number for number.
+        """
+        steps, n, filter = record.time.size, self.motion.space.size, self.filter
+        mean, cov, gated = np.empty((steps, n)), np.empty((steps, n, n)), np.zeros(steps)
+        values = np.ascontiguousarray(record.readings.values[:, :, 0].T)
+        whitened, log_scale = np.full((2, *values.shape), np.nan)
+        has = (~np.isnan(values).all(axis=1)).tolist()
+        places = self.sensor.place(record.readings.target[:, 0]).T
+        control, at_rest = np.ascontiguousarray(record.control[:, :, 0].T), np.zeros(record.control.shape[0])
+        lapse = np.diff(record.time, prepend=record.start).tolist()
+        bounds = record.readings.bounds(steps).tolist()
+        start = filter.start(record.prior, Draws([]))
+        belief = Gaussian(start.mean[..., 0], start.cov[..., 0])
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for k in range(steps):
+                if lapse[k] > 0.0:
+                    belief = filter.predict(self.motion, belief, control[k], lapse[k])
+                for i in range(bounds[k], bounds[k + 1]):
+                    if not has[i]:
+                        continue
+                    if self.scheme == "interleaved" and i > bounds[k]:
+                        belief = filter.predict(self.motion, belief, at_rest, self.pause)
+                    belief, fit = filter.update(self.sensor, belief, values[i], places[i])
+                    whitened[i], log_scale[i] = fit.whitened, fit.log_scale
+                    gated[k] += fit.gated
+                mean[k], cov[k] = belief
+                tick()
+        return Estimates(
+            np.moveaxis(mean, 0, -1)[..., None],
+            np.moveaxis(cov, 0, -1)[..., None],
+            whitened.T[..., None],
+            log_scale.T[..., None],
+            None,
+            {"gated": gated[:, None]},
+            getattr(filter, "gate", None),
+        )
+
     def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
         if lapse <= 0.0:
             return belief, None
@@ -106,29 +143,28 @@ class Loop:
         return self.filter.predict(self.motion, belief, control, lapse), None
 
     def _update(
-        self, belief: Belief, record: Record, taken: slice, whitened: Array, log_scale: Array
+        self, belief: Belief, record: Record, taken: slice, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
         """Take in a step's readings, put how they fitted in its place, and count the gated of each run.
 
-        A run takes no part in a reading that it does not have.
+        has: (readings, runs), which run has which; it takes no part in a reading that it does not have.
         """
         values, target = record.readings.values[:, taken], record.readings.target[taken]
-        has = np.asarray(~np.isnan(values).all(axis=0))
         if self.scheme == "stacked":
             return self._stacked(belief, values, target, has, whitened, log_scale)
 
         gated = np.zeros(record.runs)
         at_rest = np.zeros((record.control.shape[0], 1))
-        for i in range(values.shape[1]):
-            runs = np.flatnonzero(has[i])
-            if runs.size == 0:
-                continue
-            part = belief if runs.size == record.runs else belief.of(runs)
+        for i in np.flatnonzero(has.any(axis=1)):
+            everyone = has[i].all()
+            # All runs are a slice, of which NumPy makes no copy.
+            runs: Any = slice(None) if everyone else np.flatnonzero(has[i])
+            part = belief if everyone else belief.of(runs)
             if self.scheme == "interleaved" and i > 0:
                 part = self.filter.predict(self.motion, part, at_rest, self.pause)
             place = self.sensor.place(target[i, runs])
             part, fit = self.filter.update(self.sensor, part, values[:, i, runs], place)
-            belief = part if runs.size == record.runs else belief.put(runs, part)
+            belief = part if everyone else belief.put(runs, part)
             whitened[:, i, runs], log_scale[:, i, runs] = fit.whitened, fit.log_scale
             gated[runs] += fit.gated
         return belief, gated

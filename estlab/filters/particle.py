@@ -64,8 +64,6 @@ class ParticleFilter(Filter):
     nearest the reading then has all the weight.
     """
 
-    sums_by_run = True
-
     particles: int
     resampling: Scheme
     threshold: float

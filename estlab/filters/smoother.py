@@ -2,10 +2,8 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, sandwich, solve_lower, solve_lower_transposed, symmetric, transpose
+from estlab.maths.linalg import cholesky, matvec, sandwich, solve_lower, solve_lower_transposed, symmetric, transpose
 from estlab.maths.space import Array, Space
 from estlab.maths.transforms import Moments
 
@@ -33,7 +31,7 @@ def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> t
             half = solve_lower(factor, transpose(link.after.cross))
             gain = transpose(solve_lower_transposed(factor, half))
             step = space.minus(later.mean, link.after.mean)
-            before = space.plus(link.before.mean, np.einsum("ij...,j...->i...", gain, step))
+            before = space.plus(link.before.mean, matvec(gain, step))
             shrunk = link.before.cov + sandwich(gain, later.cov - link.after.cov)
             later = Gaussian(before, symmetric(shrunk))
         smoothed_mean[:, k - 1], smoothed_cov[:, :, k - 1] = later

@@ -8,7 +8,17 @@ import numpy as np
 from estlab.filters.contract import Filter, Fit, Prior, fit_of
 from estlab.filters.gaussian import check_gate
 from estlab.maths.gaussian import Gaussian, placed
-from estlab.maths.linalg import cholesky, gram, matmul, solve_lower, solve_lower_transposed, transpose, without
+from estlab.maths.linalg import (
+    cholesky,
+    gram,
+    matmul,
+    matvec,
+    solve_lower,
+    solve_lower_transposed,
+    summed,
+    transpose,
+    without,
+)
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
@@ -76,7 +86,7 @@ class SquareRootFilter(Filter):
         gain = transpose(solve_lower_transposed(factor, solve_lower(factor, gram(of_value, of_state))))
         found = fit_of(whitened, factor, missing, self.gate)
         gain = np.where(found.gated, 0.0, gain)
-        step = np.einsum("ij...,j...->i...", gain, residual)
+        step = matvec(gain, residual)
         # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
         rest = triangle(np.concatenate([of_state - matmul(gain, of_value), matmul(gain, noise)], axis=1))
         updated = Root(sensor.state.plus(belief.mean, step), np.where(found.gated, belief.factor, rest))
@@ -87,9 +97,10 @@ class SquareRootFilter(Filter):
 
     def _deviations(self, function: Function, belief: Root) -> tuple[Array, Array, Array]:
         """Mean of the value, and columns X (n, p, runs), Z (m, p, runs) with cov = Z Z' and cross = X Z'."""
-        middle, of_state, of_value = self.transform.spread(function, belief.mean, belief.factor)
+        middle, of_value = self.transform.images(function, belief.mean, belief.factor)
+        of_state = self.transform.offsets(belief.factor)
         weights = self.transform.weights(belief.mean.shape[0]).reshape(-1, 1)
-        shift = (weights * of_value).sum(axis=1)
+        shift = summed(weights * of_value, 1)
         root = np.sqrt(weights)
         # The centre's column: it does not move in the state, and lies -shift from the mean.
         centre = np.sqrt(max(1.0 - float(weights.sum()) + self.transform.bonus(), 0.0))
@@ -104,7 +115,7 @@ def triangle(columns: Array) -> Array:
     tall = np.moveaxis(np.where(sound, columns, 0.0), -1, 0).swapaxes(1, 2)
     upper = np.asarray(np.linalg.qr(tall, mode="r"))
     lower = np.moveaxis(upper.swapaxes(1, 2), 0, -1)
-    signs = np.where(np.einsum("ii...->i...", lower) < 0.0, -1.0, 1.0)
+    signs = np.where(lower.diagonal().T < 0.0, -1.0, 1.0)
     return np.where(sound, lower * signs[None], np.nan)
 
 

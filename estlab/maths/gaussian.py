@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.maths.linalg import block_diagonal, cholesky
+from estlab.maths.linalg import block_diagonal, cholesky, matmul, matvec
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
 
@@ -30,7 +30,7 @@ class Gaussian(NamedTuple):
     def sample(self, draws: Draws, count: int) -> Array:
         """Points (n, count, *batch). Angles are not wrapped: the points spread about their mean."""
         z = draws.normals((self.mean.shape[0], count))
-        return self.mean[:, None] + np.einsum("ik...,kp...->ip...", cholesky(self.cov), z)
+        return self.mean[:, None] + matmul(cholesky(self.cov), z)
 
     def joined(self, noise_cov: Array) -> "Gaussian":
         """The joint belief in (state, noise): independent noise of zero mean and this covariance (q, q, *batch)."""
@@ -41,8 +41,7 @@ class Gaussian(NamedTuple):
 
 def draw(space: Space, belief: Gaussian, standard_normal: Array) -> Array:
     """x = A z + b with A A' = P: Gaussian vectors from standard normal ones (n, *batch). Document 000, problem I."""
-    factor = cholesky(belief.cov)
-    return space.plus(belief.mean, np.einsum("ik...,k...->i...", factor, standard_normal))
+    return space.plus(belief.mean, matvec(cholesky(belief.cov), standard_normal))
 
 
 def placed(whole: Array, runs: Array, part: Array) -> Array:

@@ -5,19 +5,29 @@ components in Python and over the many members of the batch in NumPy. A member t
 and its neighbours go on: ``numpy.linalg`` would raise for the whole stack.
 """
 
+import math
+
 import numpy as np
 
 from estlab.maths.space import Array
 
 
 def matmul(a: Array, b: Array) -> Array:
-    """A B for (n, k, *batch) and (k, m, *batch)."""
-    return np.einsum("ik...,kj...->ij...", a, b)
+    """A B for (n, k, *batch) and (k, m, *batch), either of which may be constant."""
+    a, b = _alike(a, b)
+    if b.shape[0] == 0:
+        return np.zeros((a.shape[0], b.shape[1], *np.broadcast_shapes(a.shape[2:], b.shape[2:])))
+    if a.ndim == 2:
+        return summed(a[:, None] * b.T, 2)
+    product = a[:, 0, None] * b[None, 0]
+    for k in range(1, b.shape[0]):
+        product += a[:, k, None] * b[None, k]
+    return np.asarray(product)
 
 
 def matvec(a: Array, x: Array) -> Array:
-    """A x for (n, k, *batch) and (k, *batch)."""
-    return np.einsum("ik...,k...->i...", a, x)
+    """A x for (n, k, *batch) and (k, *batch), either of which may be constant."""
+    return matmul(a, x[:, None])[:, 0]
 
 
 def transpose(a: Array) -> Array:
@@ -25,14 +35,45 @@ def transpose(a: Array) -> Array:
     return np.swapaxes(a, 0, 1)
 
 
-def gram(a: Array, b: Array | None = None) -> Array:
-    """A B' for (n, p, *batch) and (m, p, *batch); A A' when B is left out."""
-    return np.einsum("ip...,jp...->ij...", a, a if b is None else b)
+def summed(terms: Array, axis: int) -> Array:
+    """The sum along an axis, one after another.
+
+    NumPy adds in another order where the axis is the last of more than one entry, and a filter near losing its way
+    magnifies the difference: a run alone shall be what it is among others.
+    """
+    if terms.shape[axis] < 3 or math.prod(terms.shape[axis + 1 :]) > 1:
+        return np.asarray(np.add.reduce(terms, axis=axis))
+    sums = np.add.accumulate(terms, axis=axis)
+    return sums[..., -1] if axis == terms.ndim - 1 else np.asarray(sums.take(-1, axis=axis))
+
+
+def mirrored(p: Array) -> Array:
+    """The same matrix (n, n, *batch) with what is above its diagonal replaced by what is below it, in place."""
+    for i in range(1, p.shape[0]):
+        p[:i, i] = p[i, :i]
+    return p
+
+
+def gram(a: Array, b: Array | None = None, weights: Array | None = None) -> Array:
+    """A B' for (n, p, *batch) and (m, p, *batch); without B, A W A' symmetric to the last bit, weights (p, *batch)."""
+    if b is not None:
+        batch = np.broadcast_shapes(a.shape[2:], b.shape[2:])
+        product = np.empty((a.shape[0], b.shape[0], *batch))
+        for i in range(a.shape[0]):
+            product[i] = summed(a[i] * b, 1)
+        return product
+    if a.ndim == 2:
+        return summed(a[:, None] * a, 2) if weights is None else mirrored(summed((weights * a)[:, None] * a, 2))
+    square = np.empty((a.shape[0], a.shape[0], *a.shape[2:]))
+    for i in range(a.shape[0]):
+        row = a[i] if weights is None else weights * a[i]
+        square[i, : i + 1] = summed(row * a[: i + 1], 1)
+    return mirrored(square)
 
 
 def sandwich(a: Array, p: Array) -> Array:
     """A P A', symmetric to the last bit, for (n, k, *batch) and (k, k, *batch)."""
-    return symmetric(gram(matmul(a, p), a))
+    return symmetric(matmul(matmul(a, p), transpose(a)))
 
 
 def symmetric(p: Array) -> Array:
@@ -45,40 +86,93 @@ def cholesky(p: Array) -> Array:
 
     Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle.
     """
-    n = p.shape[0]
-    factor = np.zeros_like(p)
-    for j in range(n):
-        column = p[j:, j] - np.einsum("ik...,k...->i...", factor[j:, :j], factor[j, :j])
-        pivot = np.sqrt(np.where(column[0] > 0.0, column[0], np.nan))
-        factor[j:, j] = column / pivot
-        if (column[0] == 0.0).any():
-            # What has no variance at all, such as a noise that is off, has a factor too: nothing.
-            factor[j:, j] = np.where((column == 0.0).all(axis=0), 0.0, factor[j:, j])
-    if n == 0:
-        return factor
-    # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
-    failed = ~np.isfinite(factor[-1, -1])
-    if np.any(failed):
-        factor = np.where(failed, np.nan, factor)
+    if p.ndim == 2:
+        return _cholesky_of_one(p)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        factor = _by_columns(p)
+        # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
+        failed = ~np.isfinite(factor[-1:, -1:])[0, 0] if p.shape[0] else np.zeros(p.shape[2:], dtype=bool)
+    if failed.any():
+        factor[:, :, failed] = _with_zeros(p[:, :, failed])
     return factor
 
 
+def _by_columns(p: Array) -> Array:
+    factor = np.zeros_like(p)
+    for j in range(p.shape[0]):
+        column = p[j:, j]
+        for k in range(j):
+            column = column - factor[j:, k] * factor[j, k]
+        np.sqrt(column[0], out=factor[j, j])
+        np.divide(column[1:], factor[j, j], out=factor[j + 1 :, j])
+    return factor
+
+
+def _with_zeros(p: Array) -> Array:
+    """One by one, for members (n, n, N) of which some have rows of zeros and others no factor."""
+    return np.stack([_cholesky_of_one(p[:, :, i]) for i in range(p.shape[2])], axis=2)
+
+
+def _cholesky_of_one(p: Array) -> Array:
+    """The same for a single matrix (n, n), in numbers: the same operations in the same order, without NumPy's calls.
+
+    What has no variance at all, such as a noise that is off, has a factor too: nothing.
+    """
+    n = p.shape[0]
+    if n == 0:
+        return np.zeros((0, 0))
+    factor: list[list[float]] = []
+    for i, entries in enumerate(p.tolist()):
+        row: list[float] = []
+        for entry, above in zip(entries, factor, strict=False):
+            for left, right in zip(row, above, strict=False):
+                entry -= left * right
+            root = above[-1]
+            row.append(entry / root if root != 0.0 else 0.0 if entry == 0.0 else math.nan)
+        square = entries[i]
+        for left in row:
+            square -= left * left
+        row.append(math.sqrt(square) if square >= 0.0 else math.nan)
+        factor.append(row)
+    if not math.isfinite(factor[-1][-1]):
+        return np.full((n, n), np.nan)
+    return np.array([row + [0.0] * (n - len(row)) for row in factor])
+
+
 def solve_lower(factor: Array, b: Array) -> Array:
-    """L^-1 B by forward substitution, for L (m, m, *batch) and B (m, k, *batch)."""
-    solution = np.empty(np.broadcast_shapes(factor[:, :1].shape, b.shape))
+    """L^-1 B by forward substitution, for L (m, m, *batch) and B (m, k, *batch), either of which may be constant."""
+    factor, b = _alike(factor, b)
+    solution = np.empty(
+        b.shape if b.shape[2:] == factor.shape[2:] else np.broadcast_shapes(factor[:, :1].shape, b.shape)
+    )
     for i in range(factor.shape[0]):
-        known = np.einsum("j...,jk...->k...", factor[i, :i], solution[:i])
-        solution[i] = (b[i] - known) / factor[i, i]
+        rest = b[i]
+        for j in range(i):
+            rest = rest - factor[i, j] * solution[j]
+        np.divide(rest, factor[i, i], out=solution[i])
     return solution
 
 
 def solve_lower_transposed(factor: Array, b: Array) -> Array:
-    """L'^-1 B by backward substitution, for L (m, m, *batch) and B (m, k, *batch)."""
+    """L'^-1 B by backward substitution, for L (m, m, *batch) and B (m, k, *batch), either of which may be constant."""
+    factor, b = _alike(factor, b)
     solution = np.empty(np.broadcast_shapes(factor[:, :1].shape, b.shape))
     for i in reversed(range(factor.shape[0])):
-        known = np.einsum("j...,jk...->k...", factor[i + 1 :, i], solution[i + 1 :])
-        solution[i] = (b[i] - known) / factor[i, i]
+        rest = b[i]
+        for j in range(i + 1, factor.shape[0]):
+            rest = rest - factor[j, i] * solution[j]
+        np.divide(rest, factor[i, i], out=solution[i])
     return solution
+
+
+def _alike(a: Array, b: Array) -> tuple[Array, Array]:
+    """Two matrices with as many axes of batch: a constant one has axes of length one."""
+    more = a.ndim - b.ndim
+    if more > 0:
+        b = b.reshape(*b.shape, *(1,) * more)
+    elif more < 0:
+        a = a.reshape(*a.shape, *(1,) * -more)
+    return a, b
 
 
 def without(cov: Array, missing: Array) -> Array:

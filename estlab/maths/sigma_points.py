@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, gram, symmetric
+from estlab.maths.linalg import cholesky, gram, matmul, summed, transpose
 from estlab.maths.space import Array
 from estlab.maths.transforms import Function, Moments
 
@@ -37,21 +37,31 @@ class SigmaPoints(ABC):
         """Raise ValueError, naming the parameter, if there is no such set in n dimensions."""
         self.weights(n)
 
-    def __call__(self, function: Function, belief: Gaussian) -> Moments:
-        mean, of_state, of_value = self.spread(function, belief.mean, cholesky(belief.cov))
-        n = belief.mean.shape[0]
-        weights = self.weights(n).reshape(-1, *(1,) * (belief.mean.ndim - 1))
-        weighted = weights * of_value
-        shift = weighted.sum(axis=1)
-        cov = gram(weighted, of_value) + (self.bonus() - 1.0) * gram(shift[:, None])
-        return Moments(function.space.plus(mean, shift), symmetric(cov), gram(of_state, weighted))
+    def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
+        n, factor = belief.mean.shape[0], cholesky(belief.cov)
+        middle, of_value = self.images(function, belief.mean, factor)
+        weights = _weights(self, n, belief.mean.ndim - 1)
+        if weights.size == 1:
+            shift, cov = weights * summed(of_value, 1), weights * gram(of_value)
+        else:
+            shift, cov = summed(weights * of_value, 1), gram(of_value, weights=weights)
+        cov += (self.bonus() - 1.0) * shift[:, None] * shift
+        cross = self.cross(factor, weights, of_value) if crossed else np.empty((n, 0))
+        return Moments(middle + shift, cov, cross)
 
-    def spread(self, function: Function, mean: Array, factor: Array) -> tuple[Array, Array, Array]:
-        """The image of the mean (m, *batch), and the points' offsets before (n, p, *batch) and after (m, p, *batch)."""
-        offsets = self.offsets(factor)
+    def images(self, function: Function, mean: Array, factor: Array) -> tuple[Array, Array]:
+        """The image of the mean (m, *batch), and of the points as offsets from it (m, p, *batch)."""
+        images = function.evaluate(self.points(mean, factor))
+        return images[:, 0], function.space.minus(images[:, 1:], images[:, :1])
+
+    def points(self, mean: Array, factor: Array) -> Array:
+        """The mean, then the points: (n, 1 + p, *batch)."""
         middle = mean[:, None]
-        images = function.evaluate(np.concatenate([middle, middle + offsets], axis=1))
-        return images[:, 0], offsets, function.space.minus(images[:, 1:], images[:, :1])
+        return np.concatenate([middle, middle + self.offsets(factor)], axis=1)
+
+    def cross(self, factor: Array, weights: Array, of_value: Array) -> Array:
+        """The cross-covariance (n, m, *batch) of argument and value, by weights (p, ...) or one for all."""
+        return gram(self.offsets(factor), weights * of_value)
 
 
 class SymmetricSigmaPoints(SigmaPoints):
@@ -67,6 +77,21 @@ class SymmetricSigmaPoints(SigmaPoints):
     def offsets(self, factor: Array) -> Array:
         outward = np.sqrt(self.spread2(factor.shape[0])) * factor
         return np.concatenate([outward, -outward], axis=1)
+
+    def points(self, mean: Array, factor: Array) -> Array:
+        n = mean.shape[0]
+        outward = np.sqrt(self.spread2(n)) * factor
+        points = np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        points[:, 0] = mean
+        np.add(mean[:, None], outward, out=points[:, 1 : n + 1])
+        np.subtract(mean[:, None], outward, out=points[:, n + 1 :])
+        return points
+
+    def cross(self, factor: Array, weights: Array, of_value: Array) -> Array:
+        """Of points that lie opposite each other: the sum over the axes of L (of one's value less the other's)."""
+        n = factor.shape[0]
+        difference = of_value[:, :n] - of_value[:, n:]
+        return (weights * np.sqrt(self.spread2(n))) * matmul(factor, transpose(difference))
 
 
 @dataclass(frozen=True)
@@ -125,7 +150,7 @@ class Simplex(SigmaPoints):
         return np.full(n + 1, 1.0 / (n + 1))
 
     def offsets(self, factor: Array) -> Array:
-        return np.einsum("ik...,kp->ip...", factor, _simplex(factor.shape[0]))
+        return matmul(factor, _simplex(factor.shape[0]))
 
 
 @dataclass(frozen=True)
@@ -150,7 +175,14 @@ class GaussHermite(SigmaPoints):
         return _product_rule(self.order, n)[1]
 
     def offsets(self, factor: Array) -> Array:
-        return np.einsum("ik...,kp->ip...", factor, _product_rule(self.order, factor.shape[0])[0])
+        return matmul(factor, _product_rule(self.order, factor.shape[0])[0])
+
+
+@lru_cache
+def _weights(points: SigmaPoints, n: int, axes: int) -> Array:
+    """What each point weighs (p, 1, ...), with so many axes of batch; one number where all weigh the same."""
+    weights = points.weights(n)
+    return weights[0] if (weights == weights[0]).all() else weights.reshape(-1, *(1,) * axes)
 
 
 def _beyond(kappa: float, n: int) -> float:

@@ -49,10 +49,6 @@ class Draws:
         """The streams of some of the runs, by their place in this batch."""
         return Draws([self._generators[run] for run in runs])
 
-    def with_another(self) -> "Draws":
-        """These streams and one more, of no account."""
-        return Draws([*self._generators, np.random.default_rng(0)])
-
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""
         numbers = np.empty((len(self._generators), *shape))

@@ -11,7 +11,8 @@ import numpy as np
 
 from estlab.maths.derivatives import hessian, jacobian
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import matmul, symmetric, transpose
+from estlab.maths.linalg import gram, matmul, matvec, summed, symmetric, transpose
+from estlab.maths.rows import Rows, matrix, through
 from estlab.maths.space import Array, Space
 
 
@@ -19,30 +20,34 @@ from estlab.maths.space import Array, Space
 class Function:
     """A model with everything but its argument fixed.
 
-    evaluate: (n, p, *batch) -> (m, p, *batch), any number of points at once. space: of the values.
-    jacobian: (n, *batch) -> (m, n, *batch); hessian: (n, *batch) -> (m, n, n, *batch); None for differences.
+    evaluate: (n, *batch) -> (m, *batch), the batch having any number of points, first, or none. space: of the values.
+    jacobian: (n, *batch) -> m rows of n components; hessian: (n, *batch) -> (m, n, n, *batch); None for differences.
     """
 
     evaluate: Callable[[Array], Array]
     space: Space
-    jacobian: Callable[[Array], Array] | None = None
+    jacobian: Callable[[Array], Rows] | None = None
     hessian: Callable[[Array], Array] | None = None
 
     def slope(self, at: Array) -> Array:
         """The Jacobian (m, n, *batch), stated or by differences."""
+        rows = self.slope_rows(at)
+        return rows if isinstance(rows, np.ndarray) else matrix(rows, at.shape[1:])
+
+    def slope_rows(self, at: Array) -> Rows:
+        """Rows of the Jacobian, stated or by differences."""
         return jacobian(self.evaluate, at, self.space) if self.jacobian is None else self.jacobian(at)
 
     def curvature(self, at: Array) -> Array:
         """The Hessians (m, n, n, *batch), stated or by differences."""
         return hessian(self.evaluate, at, self.space) if self.hessian is None else self.hessian(at)
 
-    def at(self, point: Array) -> Array:
-        """The value (m, *batch) at one point (n, *batch)."""
-        return self.evaluate(point[:, None])[:, 0]
-
 
 class Moments(NamedTuple):
-    """Mean (m, *batch), covariance (m, m, *batch) and cross-covariance with the argument (n, m, *batch)."""
+    """Mean (m, *batch), covariance (m, m, *batch) and cross-covariance with the argument (n, m, *batch) or empty.
+
+    Angles in the mean are as they come, not brought back to [-pi, pi].
+    """
 
     mean: Array
     cov: Array
@@ -51,12 +56,12 @@ class Moments(NamedTuple):
 
 @runtime_checkable
 class Transform(Protocol):
-    """A belief through a function."""
+    """A belief through a function. crossed: whether the cross-covariance is wanted; it may be empty if not."""
 
     def check(self, n: int) -> None:
         """Raise ValueError, naming the parameter, if the transform is not defined in n dimensions."""
 
-    def __call__(self, function: Function, belief: Gaussian) -> Moments: ...
+    def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments: ...
 
 
 class Linearised:
@@ -65,15 +70,17 @@ class Linearised:
     def check(self, n: int) -> None:
         """Defined in any dimension."""
 
-    def __call__(self, function: Function, belief: Gaussian) -> Moments:
-        return self.about(function, belief, belief.mean, np.zeros_like(belief.mean))
+    def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
+        return self.about(function, belief, belief.mean, None)
 
-    def about(self, function: Function, belief: Gaussian, at: Array, offset: Array) -> Moments:
-        """Expansion about another point (n, *batch), from which the mean lies at this offset (n, *batch)."""
-        slope = function.slope(at)
-        cross = matmul(belief.cov, transpose(slope))
-        shift = np.einsum("ij...,j...->i...", slope, offset)
-        return Moments(function.space.plus(function.at(at), shift), symmetric(matmul(slope, cross)), cross)
+    def about(self, function: Function, belief: Gaussian, at: Array, offset: Array | None) -> Moments:
+        """Expansion about a point (n, *batch), from which the mean lies at this offset (n, *batch), or not at all."""
+        rows, batch = function.slope_rows(at), at.shape[1:]
+        carried, cov = through(rows, belief.cov, batch)
+        mean = function.evaluate(at)
+        if offset is not None:
+            mean = mean + matvec(matrix(rows, batch), offset)
+        return Moments(mean, cov, transpose(np.array(carried)))
 
 
 @dataclass(frozen=True)
@@ -90,10 +97,15 @@ class SecondOrder:
     def check(self, n: int) -> None:
         """Defined in any dimension."""
 
-    def __call__(self, function: Function, belief: Gaussian) -> Moments:
+    def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
         mean, cov, cross = Linearised()(function, belief)
-        bent = np.einsum("aij...,jk...->aik...", function.curvature(belief.mean), belief.cov)
-        bias = 0.5 * np.einsum("aii...->a...", bent)
+        m, n = mean.shape[0], belief.mean.shape[0]
+        bent = np.stack([matmul(part, belief.cov) for part in function.curvature(belief.mean)])
+        bias = 0.5 * summed(np.stack([bent[:, i, i] for i in range(n)], axis=1), 1)
         if self.form == "gaussian":
-            cov = cov + 0.5 * symmetric(np.einsum("aij...,bji...->ab...", bent, bent))
-        return Moments(function.space.plus(mean, bias), cov, cross)
+            flat, across = (
+                bent.reshape(m, n * n, *mean.shape[1:]),
+                bent.swapaxes(1, 2).reshape(m, n * n, *mean.shape[1:]),
+            )
+            cov = cov + 0.5 * symmetric(gram(flat, across))
+        return Moments(mean + bias, cov, cross)

@@ -13,28 +13,9 @@ from typing import Any
 import numpy as np
 
 from estlab.maths.derivatives import jacobian
+from estlab.maths.rows import Components, Rows, matrix, stacked
 from estlab.maths.space import Array, Space
 from estlab.maths.transforms import Function
-
-Components = tuple[Any, ...]
-Rows = tuple[Components, ...]
-
-
-def stacked(components: Components, batch: tuple[int, ...]) -> Array:
-    """A tuple of components, each a number or an array, as one array (n, *batch)."""
-    array = np.empty((len(components), *batch))
-    for i, component in enumerate(components):
-        array[i] = component
-    return array
-
-
-def matrix(rows: Rows, batch: tuple[int, ...]) -> Array:
-    """Rows of components as one array (n, m, *batch)."""
-    array = np.empty((len(rows), len(rows[0]), *batch))
-    for i, row in enumerate(rows):
-        for j, entry in enumerate(row):
-            array[i, j] = entry
-    return array
 
 
 @dataclass(frozen=True)
@@ -55,25 +36,26 @@ class Motion:
     jacobians: Callable[[Array, Array, float], tuple[Rows, Rows]] | None = None
     hessians: Callable[[Array, Array, float], tuple[Rows, ...]] | None = None
 
-    @property
+    @cached_property
     def line(self) -> Space:
         """The state's space with its angles unrolled: how values of ``move`` are subtracted from each other."""
         return replace(self.space, angles=())
 
     def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
         """The next state (n, *batch)."""
-        batch = np.broadcast_shapes(state.shape[1:], noise.shape[1:])
+        batch = state.shape[1:] if noise.ndim == 1 else np.broadcast_shapes(state.shape[1:], noise.shape[1:])
         return stacked(self.move(state, control, noise, dt), batch)
 
     def function(self, control: Array, dt: float) -> Function:
         """The motion as a function of the state, without noise."""
-        silent = np.zeros(self.noise_size)
-        slope = None
-        if self.jacobians is not None:
-            jacobians = self.jacobians
+        return self.over(control, dt)[0]
 
-            def slope(state: Array) -> Array:
-                return matrix(jacobians(state, control, dt)[0], state.shape[1:])
+    def over(self, control: Array, dt: float) -> tuple[Function, Callable[[Array], Rows]]:
+        """The motion as a function of the state, without noise; and of the state, rows of dx/dw at w = 0."""
+        silent = np.zeros(self.noise_size)
+
+        def evaluate(points: Array) -> Array:
+            return self.step(points, control, silent, dt)
 
         curvature = None
         if self.hessians is not None:
@@ -82,7 +64,12 @@ class Motion:
             def curvature(state: Array) -> Array:
                 return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, control, dt)])
 
-        return Function(lambda points: self.step(points, control, silent, dt), self.line, slope, curvature)
+        if self.jacobians is None:
+            return Function(evaluate, self.line, None, curvature), lambda at: self.noise_jacobian(at, control, dt)
+        jacobians = self.jacobians
+        # Both derivatives are wanted at one state, and come together.
+        both = _Latest(lambda state: jacobians(state, control, dt))
+        return Function(evaluate, self.line, lambda at: both(at)[0], curvature), lambda at: both(at)[1]
 
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""
@@ -91,9 +78,9 @@ class Motion:
         if self.jacobians is not None:
             jacobians = self.jacobians
 
-            def slope(joint: Array) -> Array:
+            def slope(joint: Array) -> Rows:
                 in_state, in_noise = jacobians(joint[:n], control, dt)
-                return matrix(tuple((*a, *b) for a, b in zip(in_state, in_noise, strict=True)), joint.shape[1:])
+                return [(*a, *b) for a, b in zip(in_state, in_noise, strict=True)]
 
         return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.line, slope)
 
@@ -126,7 +113,7 @@ class Sensor:
 
     def place(self, target: Array) -> Array:
         """The places (p, *target.shape) with these numbers."""
-        return self.places[:, target]
+        return self.places.take(target, axis=1)
 
     def read(self, state: Array, place: Array) -> Array:
         """The reading (m, *batch) without noise."""
@@ -138,8 +125,8 @@ class Sensor:
         if self.slope is not None:
             rows = self.slope
 
-            def derivative(state: Array) -> Array:
-                return matrix(rows(state, place), state.shape[1:])
+            def derivative(state: Array) -> Rows:
+                return rows(state, place)
 
         curvature = None
         if self.hessians is not None:
@@ -158,17 +145,12 @@ class Sensor:
             self._joint_slope(place, n),
         )
 
-    def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Array] | None:
-        derivative = self.function(place).jacobian
-        if derivative is None:
+    def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Rows] | None:
+        rows = self.slope
+        if rows is None:
             return None
-        m = self.space.size
-
-        def slope(joint: Array) -> Array:
-            identity = np.broadcast_to(np.eye(m).reshape(m, m, *(1,) * (joint.ndim - 1)), (m, m, *joint.shape[1:]))
-            return np.concatenate([derivative(joint[:n]), identity], axis=1)
-
-        return slope
+        identity = np.eye(self.space.size).tolist()
+        return lambda joint: [(*a, *b) for a, b in zip(rows(joint[:n], place), identity, strict=True)]
 
     @cached_property
     def _stacks(self) -> dict[int, "Sensor"]:
@@ -187,6 +169,18 @@ class Sensor:
                 hessians=None if hessians is None else lambda state, place: _in_turn(hessians, state, place),
             )
         return self._stacks[count]
+
+
+class _Latest:
+    """A function of one argument that answers again for the one it was last asked for."""
+
+    def __init__(self, function: Callable[[Array], Any]) -> None:
+        self._function, self._argument, self._answer = function, np.empty(0), None
+
+    def __call__(self, argument: Array) -> Any:
+        if argument is not self._argument:
+            self._argument, self._answer = argument, self._function(argument)
+        return self._answer
 
 
 def _in_turn(function: Callable[[Array, Array], Any], state: Array, place: Array) -> Any:

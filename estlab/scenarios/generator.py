@@ -13,9 +13,10 @@ import numpy as np
 
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.linalg import cholesky, gram
+from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws, Streams
-from estlab.models.contract import Components, Motion, Rows, Sensor
+from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 from estlab.scenarios import simulation
 from estlab.scenarios.contract import History, Scales, Scenario

@@ -89,11 +89,11 @@ class Landmark(Scenario):
         return self.update, self.interleave_dt
 
     def motion(self, noise: Scales) -> Motion:
-        sd_v, sd_w = (noise.process_scale * sd for sd in self.process_sd)
+        cov = noise.process_scale**2 * diagonal_cov(self.process_sd)
         return Motion(
             unicycle.SPACE,
             unicycle.arc,
-            lambda control, dt: unicycle.white_noise_cov(sd_v, sd_w, dt),
+            lambda control, dt: cov / dt,
             2,
             unicycle.arc_jacobians,
         )

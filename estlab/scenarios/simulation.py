@@ -7,9 +7,10 @@ import numpy as np
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.linalg import cholesky, matvec
+from estlab.maths.rows import Components
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
-from estlab.models.contract import Components, Motion, Sensor
+from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios.contract import Scales
 

@@ -94,7 +94,7 @@ def test_prior_and_first_step_are_about_the_origin_with_the_models_noises(overri
         ratio = (error**2).mean(axis=1) / np.diag(record.prior.cov)
         np.testing.assert_allclose(ratio, 1.0, atol=0.3)  # over 400 runs its standard deviation is .07
     control, lapse = record.control[:, 0], record.time[0] - record.start
-    off = motion.space.minus(record.truth[:, 0], motion.function(control, lapse).at(record.origin))
+    off = motion.space.minus(record.truth[:, 0], motion.function(control, lapse).evaluate(record.origin))
     cov = sandwich(motion.noise_jacobian(record.origin, control, lapse), motion.noise_cov(control, lapse))
     ratio = (off**2).mean(axis=1) / np.einsum("iir->ir", cov).mean(axis=1)
     np.testing.assert_allclose(ratio, 1.0, atol=0.3)

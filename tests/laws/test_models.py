@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from estlab.maths.derivatives import hessian, jacobian
+from estlab.maths.rows import matrix
 from estlab.maths.space import Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, lidar, unicycle, vehicle
-from estlab.models.contract import matrix
 from tests.conftest import options, settings
 
 RNG = np.random.default_rng(11)

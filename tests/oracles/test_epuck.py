@@ -9,10 +9,11 @@ from estlab.errors import UserError
 from estlab.maths.derivatives import hessian
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky
+from estlab.maths.rows import matrix
 from estlab.maths.streams import Streams
 from estlab.maths.transforms import SecondOrder
 from estlab.models import camera
-from estlab.models.contract import Motion, matrix
+from estlab.models.contract import Motion
 from tests.conftest import estimate, options, settings
 
 DT = 1.0 / 3.0
@@ -63,7 +64,7 @@ def test_the_bias_is_half_the_trace_by_hand():
     cov[2, 3] = cov[3, 2] = 0.3
     motion = settings("scenario=epuck").scenario.motion(settings("scenario=epuck").noise.filter)
     function, belief = motion.function(NOTHING[:, None], DT), Gaussian(state[:, None], cov[:, :, None])
-    moved = SecondOrder("modified")(function, belief).mean[:, 0] - function.at(state[:, None])[:, 0]
+    moved = SecondOrder("modified")(function, belief).mean[:, 0] - function.evaluate(state[:, None])[:, 0]
     # b1 = -dt sin(th) P34 - dt v cos(th) P44 / 2 and b2 = dt cos(th) P34 - dt v sin(th) P44 / 2
     half_root3 = np.sqrt(3.0) / 2.0
     by_hand = [-0.05 - 0.5 * half_root3, 0.1 * half_root3 - 0.25, 0.0, 0.0]

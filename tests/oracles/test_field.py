@@ -5,9 +5,9 @@ import pytest
 
 from estlab.maths.derivatives import hessian
 from estlab.maths.linalg import cholesky
+from estlab.maths.rows import matrix
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, odometry
-from estlab.models.contract import matrix
 from tests.conftest import estimate, metrics, settings, tallied
 
 COMMAND, POSE, MARK = np.array([0.0, 10.0, 0.0]), np.array([180.0, 50.0, 0.0]), np.array([21.0, 0.0])
