@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
+from estlab.maths.rows import Components, Rows
+from estlab.maths.space import Array, Space, cos_sin
 
 SPACE = Space(("x", "y", "speed", "heading"), ("cm", "cm", "cm/s", "rad"), angles=(3,), position=(0, 1))
 FIX = Space(("x", "y"), ("cm", "cm"))
@@ -17,10 +17,10 @@ def coast(state: Array, control: Array, noise: Array, dt: float) -> Components:
     """
     x, y, speed, heading = state
     noise_speed, noise_heading = noise
-    root = np.sqrt(dt)
+    (cos, sin), root = cos_sin(heading), np.sqrt(dt)
     return (
-        x + dt * speed * np.cos(heading),
-        y + dt * speed * np.sin(heading),
+        x + dt * speed * cos,
+        y + dt * speed * sin,
         speed + root * noise_speed,
         heading + root * noise_heading,
     )
@@ -29,10 +29,10 @@ def coast(state: Array, control: Array, noise: Array, dt: float) -> Components:
 def coast_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     """Derivatives of :func:`coast` in state and noise. Document 004, equation 3 (whose first two ones are left out)."""
     _, _, speed, heading = state
-    cos, sin, root = dt * np.cos(heading), dt * np.sin(heading), np.sqrt(dt)
+    (cos, sin), root = cos_sin(heading), np.sqrt(dt)
     in_state = (
-        (1.0, 0.0, cos, -speed * sin),
-        (0.0, 1.0, sin, speed * cos),
+        (1.0, 0.0, dt * cos, -dt * speed * sin),
+        (0.0, 1.0, dt * sin, dt * speed * cos),
         (0.0, 0.0, 1.0, 0.0),
         (0.0, 0.0, 0.0, 1.0),
     )

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
 
 SPACE = Space(("range", "bearing"), ("m", "rad"), angles=(1,))
 BEARING = Space(("bearing",), ("rad",), angles=(0,))
@@ -21,10 +21,10 @@ def range_bearing_slope(pose: Array, landmark: Array) -> Rows:
     """Rows of the derivative of :func:`range_bearing` in the pose."""
     x, y, _ = pose
     mark_x, mark_y = landmark
-    dx, dy = mark_x - x, mark_y - y
+    dx, dy = x - mark_x, y - mark_y
     q = dx * dx + dy * dy
     r = np.sqrt(q)
-    return (-dx / r, -dy / r, 0.0), (dy / q, -dx / q, -1.0)
+    return (dx / r, dy / r, 0.0), (-dy / q, dx / q, -1.0)
 
 
 def bearing(pose: Array, landmark: Array) -> Components:
@@ -44,7 +44,8 @@ def bearing_hessians(pose: Array, landmark: Array) -> tuple[Rows, ...]:
     x, y, _ = pose
     mark_x, mark_y = landmark
     dx, dy = mark_x - x, mark_y - y
-    q2 = (dx * dx + dy * dy) ** 2
+    q = dx * dx + dy * dy
+    q2 = q * q
     along, across = 2.0 * dx * dy / q2, (dy * dy - dx * dx) / q2
     return (((along, across, 0.0), (across, -along, 0.0), (0.0, 0.0, 0.0)),)
 

@@ -6,8 +6,8 @@ Thrun, Burgard and Fox 2005, section 5.4, with the noise added to the odometry i
 import numpy as np
 
 from estlab.maths.linalg import diagonal
-from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
+from estlab.maths.rows import Components, Rows
+from estlab.maths.space import Array, Space, cos_sin
 
 SPACE = Space(("x", "y", "heading"), ("cm", "cm", "rad"), angles=(2,), position=(0, 1))
 
@@ -19,14 +19,15 @@ def turn_move_turn(pose: Array, control: Array, noise: Array, dt: float) -> Comp
     noise_rot1, noise_trans, noise_rot2 = noise
     course = heading + rot1 + noise_rot1
     distance = trans + noise_trans
-    return x + distance * np.cos(course), y + distance * np.sin(course), course + rot2 + noise_rot2
+    cos, sin = cos_sin(course)
+    return x + distance * cos, y + distance * sin, course + rot2 + noise_rot2
 
 
 def jacobians(pose: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     """Derivatives of :func:`turn_move_turn` in the pose (G) and in the noise (V), at no noise."""
     _, _, heading = pose
     rot1, trans, _ = control
-    cos, sin = np.cos(heading + rot1), np.sin(heading + rot1)
+    cos, sin = cos_sin(heading + rot1)
     in_pose = ((1.0, 0.0, -trans * sin), (0.0, 1.0, trans * cos), (0.0, 0.0, 1.0))
     in_noise = ((-trans * sin, cos, 0.0), (trans * cos, sin, 0.0), (1.0, 0.0, 1.0))
     return in_pose, in_noise

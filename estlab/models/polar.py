@@ -3,8 +3,8 @@
 import numpy as np
 
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
+from estlab.maths.rows import Components, Rows
+from estlab.maths.space import Array, Space, cos_sin
 
 PLACE = Space(("x", "y"), ("m", "m"), position=(0, 1))
 
@@ -12,7 +12,8 @@ PLACE = Space(("x", "y"), ("m", "m"), position=(0, 1))
 def place(seen: Array, control: Array, noise: Array, dt: float) -> Components:
     """x = r cos th, y = r sin th, without noise and whatever the time. Document 000, problem II."""
     distance, bearing = seen
-    return distance * np.cos(bearing), distance * np.sin(bearing)
+    cos, sin = cos_sin(bearing)
+    return distance * cos, distance * sin
 
 
 def place_jacobians(seen: Array, control: Array, dt: float) -> tuple[Rows, Rows]:

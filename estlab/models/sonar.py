@@ -5,8 +5,8 @@ State: x [m], y [m], heading [rad].
 
 import numpy as np
 
-from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
+from estlab.maths.rows import Components, Rows
+from estlab.maths.space import Array, Space, cos_sin
 
 SPACE = Space(("x", "y", "heading"), ("m", "m", "rad"), angles=(2,), position=(0, 1))
 READING = Space(("nearest", "second", "third"), ("m", "m", "m"))
@@ -33,7 +33,7 @@ def turn_and_move_jacobians(pose: Array, control: Array, dt: float) -> tuple[Row
     _, _, heading = pose
     ds, dth = control
     ahead = heading + dth
-    cos, sin = np.cos(ahead), np.sin(ahead)
+    cos, sin = cos_sin(ahead)
     in_pose = ((1.0, 0.0, -ds * sin), (0.0, 1.0, ds * cos), (0.0, 0.0, 1.0))
     in_noise = ((cos, -ds * sin), (sin, ds * cos), (0.0, 1.0))
     return in_pose, in_noise

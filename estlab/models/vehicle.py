@@ -6,8 +6,8 @@ Seed document 000, problem III.
 
 import numpy as np
 
-from estlab.maths.space import Array, Space
-from estlab.models.contract import Components, Rows
+from estlab.maths.rows import Components, Rows
+from estlab.maths.space import Array, Space, cos_sin
 
 SPACE = Space(
     ("x", "y", "speed", "heading", "length", "width"), ("m", "m", "m/s", "rad", "m", "m"), angles=(3,), position=(0, 1)
@@ -20,23 +20,22 @@ def drive(state: Array, control: Array, noise: Array, dt: float) -> Components:
 
     noise: the six rates, of x, y [m/s], speed [m/s^2], heading [rad/s], length, width [m/s]. control: none.
     Speed and heading are linear in time, so the integral over dt by Simpson's rule is what a
-    fourth-order Runge-Kutta step gives.
+    fourth-order Runge-Kutta step gives. Sines and cosines dear as they are, it is taken along and across the heading at
+    the beginning, from which the car turns by half the turn and then by all of it.
     """
     x, y, speed, heading, length, width = state
     rate_x, rate_y, acceleration, turn_rate, rate_length, rate_width = noise
-    half = 0.5 * dt
-    middle_speed, end_speed = speed + half * acceleration, speed + dt * acceleration
-    middle, end = heading + half * turn_rate, heading + dt * turn_rate
-    sixth = dt / 6.0
+    cos, sin = cos_sin(heading)
+    turn, gain, sixth = dt * turn_rate, dt * acceleration, dt / 6.0
+    cos_half, sin_half = cos_sin(0.5 * turn)
+    cos_turn, sin_turn = cos_half * cos_half - sin_half * sin_half, 2.0 * sin_half * cos_half
+    along = speed * (sixth * (1.0 + 4.0 * cos_half + cos_turn)) + gain * (sixth * (2.0 * cos_half + cos_turn))
+    across = speed * (sixth * (4.0 * sin_half + sin_turn)) + gain * (sixth * (2.0 * sin_half + sin_turn))
     return (
-        x
-        + dt * rate_x
-        + sixth * (speed * np.cos(heading) + 4.0 * middle_speed * np.cos(middle) + end_speed * np.cos(end)),
-        y
-        + dt * rate_y
-        + sixth * (speed * np.sin(heading) + 4.0 * middle_speed * np.sin(middle) + end_speed * np.sin(end)),
-        end_speed,
-        end,
+        x + along * cos - across * sin + dt * rate_x,
+        y + along * sin + across * cos + dt * rate_y,
+        speed + gain,
+        heading + turn,
         length + dt * rate_length,
         width + dt * rate_width,
     )
@@ -45,7 +44,7 @@ def drive(state: Array, control: Array, noise: Array, dt: float) -> Components:
 def drive_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     """Derivatives of :func:`drive` in the state and in the rates, at no noise."""
     _, _, speed, heading, _, _ = state
-    cos, sin = np.cos(heading), np.sin(heading)
+    cos, sin = cos_sin(heading)
     half = 0.5 * dt * dt
     in_state = (
         (1.0, 0.0, dt * cos, -dt * speed * sin, 0.0, 0.0),
@@ -73,19 +72,23 @@ def extent(state: Array, place: Array) -> Components:
     A sigma point may have a negative length or width: it is the rectangle that the corners say it is.
     """
     x, y, _, heading, length, width = state
-    cos, sin = np.cos(heading), np.sin(heading)
-    along_x, along_y = length * cos, length * sin
-    side_x, side_y = -0.5 * width * sin, 0.5 * width * cos
-    middle_x, middle_y = x + 0.5 * along_x, y + 0.5 * along_y
+    cos, sin = cos_sin(heading)
+    ahead, aside = 0.5 * length, 0.5 * width
+    middle_x, middle_y = x + ahead * cos, y + ahead * sin
+    # The middle from the origin, in the car's own frame: along its heading, and to the right of it.
+    along, across = middle_x * cos + middle_y * sin, middle_x * sin - middle_y * cos
+    # The angle from the middle m to a corner m + e is that of cross product m x e and dot product m (m + e): no
+    # wrapping needed. Corners lie opposite each other, front left to rear right and front right to rear left.
+    square = along * along + across * across
+    cross_left, dot_left = ahead * across + aside * along, ahead * along - aside * across
+    cross_right, dot_right = ahead * across - aside * along, ahead * along + aside * across
+    front_left, rear_right = np.arctan2(cross_left, square + dot_left), np.arctan2(cross_left, square - dot_left)
+    front_right, rear_left = np.arctan2(cross_right, square + dot_right), np.arctan2(cross_right, square - dot_right)
+    least = np.minimum(np.minimum(front_left, front_right), -np.maximum(rear_left, rear_right))
+    most = np.maximum(np.maximum(front_left, front_right), -np.minimum(rear_left, rear_right))
     middle = np.arctan2(middle_y, middle_x)
-    # The angle from the middle to a corner, from the cross and dot product of the two: no wrapping needed.
-    a = _angle(middle_x, middle_y, x + side_x, y + side_y)
-    b = _angle(middle_x, middle_y, x - side_x, y - side_y)
-    c = _angle(middle_x, middle_y, x + along_x + side_x, y + along_y + side_y)
-    d = _angle(middle_x, middle_y, x + along_x - side_x, y + along_y - side_y)
-    least = np.minimum(np.minimum(a, b), np.minimum(c, d))
-    most = np.maximum(np.maximum(a, b), np.maximum(c, d))
-    return middle + least, middle + most, _range(-(x * cos + y * sin), x * sin - y * cos, length, width)
+    beyond, beside = np.abs(along) - np.abs(ahead), np.abs(across) - np.abs(aside)
+    return middle + least, middle + most, _distance(beyond, beside)
 
 
 def corners(state: Array) -> Array:
@@ -97,13 +100,8 @@ def corners(state: Array) -> Array:
     return np.stack([x + along * cos - across * sin, y + along * sin + across * cos])
 
 
-def _angle(from_x: Array, from_y: Array, to_x: Array, to_y: Array) -> Array:
-    return np.arctan2(from_x * to_y - from_y * to_x, from_x * to_x + from_y * to_y)
-
-
-def _range(along: Array, across: Array, length: Array, width: Array) -> Array:
-    """Distance to the edges from a point in the car's frame (rear edge at 0, left positive), inside or outside."""
-    beyond = np.abs(along - 0.5 * length) - 0.5 * np.abs(length)
-    aside = np.abs(across) - 0.5 * np.abs(width)
-    outside = np.hypot(np.maximum(beyond, 0.0), np.maximum(aside, 0.0))
-    return np.where((beyond < 0.0) & (aside < 0.0), -np.maximum(beyond, aside), outside)
+def _distance(beyond: Array, beside: Array) -> Array:
+    """How far the edges are from a point so far beyond them along the heading and across it, inside where both < 0."""
+    out_beyond, out_beside = np.maximum(beyond, 0.0), np.maximum(beside, 0.0)
+    outside = np.sqrt(out_beyond * out_beyond + out_beside * out_beside)
+    return outside - np.minimum(np.maximum(beyond, beside), 0.0)
