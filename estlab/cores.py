@@ -1,4 +1,4 @@
-"""How many cores a job may use, and one thread of linear algebra in each of its processes."""
+"""How many cores a job may use; what keeps each of its processes to its own: threads of linear algebra, memory."""
 
 import contextlib
 import math
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # malloc.h
 _QUOTA = Path("/sys/fs/cgroup/cpu.max"), Path("/sys/fs/cgroup/cpu/cpu.cfs_quota_us")
 _PERIOD = Path("/sys/fs/cgroup/cpu/cpu.cfs_period_us")
 
@@ -37,6 +38,19 @@ def one_thread_each() -> None:
     """
     if "numpy" not in sys.modules and not any(name in os.environ for name in _THREADS):
         os.environ.update(dict.fromkeys(_THREADS, "1"))
+
+
+def keep_memory() -> None:
+    """Keep what arrays give back, instead of handing each large one to the system and asking it for fresh pages.
+
+    The system's allocator is told, where it is glibc's; that of the pages cost a tenth of a block's time.
+    """
+    import ctypes
+
+    with contextlib.suppress(AttributeError, OSError):
+        tell = ctypes.CDLL(None).mallopt
+        tell(_MMAP_THRESHOLD, 32 * 2**20)  # the most it takes
+        tell(_TRIM_THRESHOLD, 2**30)
 
 
 def _quota() -> int | None:

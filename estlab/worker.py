@@ -14,6 +14,8 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
+from estlab import cores
+
 STEPS, DONE, FAILED, WARNING, LOG = "steps", "done", "failed", "warning", "log"
 
 _EVERY = 0.05  # seconds between words on how far it is
@@ -27,6 +29,7 @@ def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> No
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])
+    cores.keep_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     voice = _Voice(end)
     voice.speak_for_the_process()

@@ -53,6 +53,7 @@ class Workers(Generic[R]):
         self._at_once = self._forks or wanted is not None
 
     def __enter__(self) -> Self:
+        cores.keep_memory()
         if self._at_once:
             self._start()
         return self
