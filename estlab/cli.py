@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from estlab import __version__
+from estlab.cores import one_thread_each
 from estlab.errors import UserError
 from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
 from estlab.paths import conf_folder
@@ -44,6 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without a dot in the middle shows another sign
+    one_thread_each()
     try:
         return _dispatch(arguments)
     except UserError as error:

@@ -41,7 +41,8 @@ class Settings:
     steps: int | None
     seed: int
     keep_runs: int
-    block_runs: int
+    block_runs: int | None
+    cores: int | None
     smooth: bool
     verdict: Tolerance
     plots: bool
@@ -57,6 +58,8 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:
                 raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
+        if self.cores is not None and not 1 <= self.cores <= 1024:
+            raise ValueError(f"cores must be from 1 to 1024, got {self.cores}")
         for name in ("seed", "run_index"):
             value = getattr(self, name)
             if value is not None and value < 0:

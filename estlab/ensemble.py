@@ -1,15 +1,15 @@
 """An ensemble of runs through filters, block by block, every filter on the same truth and readings."""
 
-import multiprocessing
-import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 
+from estlab import cores
+from estlab.blocks import block, block_count
 from estlab.config import Settings
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
@@ -23,6 +23,7 @@ from estlab.metrics.scores import Limits
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
 from estlab.scenarios.contract import History
+from estlab.workers import Workers
 
 SMOOTHED = "_smoothed"
 
@@ -55,6 +56,15 @@ class Totals:
         )
 
 
+@dataclass(frozen=True)
+class Block:
+    """What is left of a block of runs: totals, seconds that each filter took and, of the first block, histories."""
+
+    totals: Totals
+    seconds: dict[str, float]
+    kept: dict[str, dict[str, Array]]
+
+
 @dataclass
 class Ensemble:
     """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds spent.
@@ -66,6 +76,13 @@ class Ensemble:
     blocks: Pairwise[Totals] = field(default_factory=Pairwise)
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def add(self, number: int, block: Block) -> None:
+        """Take in a block, once."""
+        self.blocks.add(0, number, block.totals)
+        self.kept |= block.kept
+        for name, spent in block.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @cached_property
     def total(self) -> Totals:
@@ -101,34 +118,49 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     return record.first(settings.steps)
 
 
+def workers(settings: Settings, names: Names) -> Workers[Block]:
+    """Processes for the blocks of all runs, or of a part; none where parts are put together."""
+    count = block_count(settings)
+    which, parts = settings.part or (0, 1)
+    blocks = range(which * count // parts, (which + 1) * count // parts)
+    return Workers(partial(block_of, settings, names, None), blocks[: 0 if settings.parts else None], settings.cores)
+
+
 def estimated(
-    settings: Settings, names: Names, first: Record, progress: Callable[[int], Callable[[], None]]
+    settings: Settings,
+    names: Names,
+    first: Record,
+    workers: Workers[Block],
+    progress: Callable[[int], Callable[[int], None]],
 ) -> Ensemble:
-    """All runs of all filters, or those of a part. progress: told of all steps, gives what counts one.
+    """All runs of all filters, or those of a part. progress: told of all steps, gives what counts some.
 
     first: the record of the ensemble's first block.
     """
-    streams = Streams(settings.seed, names.scenario)
-    blocks = list(enumerate(blocks_of(settings)))
-    if settings.part is not None:
-        which, parts = settings.part
-        blocks = blocks[which * len(blocks) // parts : (which + 1) * len(blocks) // parts]
-    loops = {name: loop_of(settings, filter, first.places) for name, filter in filters_of(settings, names).items()}
     ensemble = Ensemble(first)
-    tick = progress(len(blocks) * first.time.size * len(loops))
-    for number, block in blocks:
-        record = record_of(settings, names, block) if number else first
-        found: dict[str, Estimates] = {}
-        for name, loop in loops.items():
-            draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
-            began = time.perf_counter()
-            with cloud.threads(_threads()):
-                found |= _found(loop, name, record, draws, tick, settings.smooth)
-            ensemble.seconds[name] = ensemble.seconds.get(name, 0.0) + time.perf_counter() - began
-        if number == 0:
-            ensemble.kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()}
-        ensemble.blocks.add(0, number, _totals(settings, record, found, block))
+    steps = progress(len(workers.pieces) * first.time.size * len(filters_of(settings, names)))
+    # Cores that no process has share the points of a large cloud.
+    with cloud.threads((settings.cores or cores.usable()) // workers.cores):
+        for number, found in workers.results(partial(block_of, settings, names, first), steps):
+            ensemble.add(number, found)
     return ensemble
+
+
+def block_of(settings: Settings, names: Names, first: Record | None, number: int, tick: Callable[[], None]) -> Block:
+    """A block of runs through all filters. first: the record of the first block, if it is made already."""
+    runs = block(settings, number)
+    record = first if first and number == 0 else record_of(settings, names, runs)
+    streams = Streams(settings.seed, names.scenario)
+    found: dict[str, Estimates] = {}
+    seconds: dict[str, float] = {}
+    for name, filter in filters_of(settings, names).items():
+        loop = loop_of(settings, filter, record.places)
+        draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
+        began = time.perf_counter()
+        found |= _found(loop, name, record, draws, tick, settings.smooth)
+        seconds[name] = time.perf_counter() - began
+    kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
+    return Block(_totals(settings, record, found, runs), seconds, kept)
 
 
 def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> Totals:
@@ -145,21 +177,6 @@ def _totals(settings: Settings, record: Record, found: dict[str, Estimates], blo
     totals.comparison.add(squares)
     totals.each_run.add(record, squares, block, settings.run_numbers.start)
     return totals
-
-
-def blocks_of(settings: Settings) -> Iterator[range]:
-    """Run numbers in blocks; the first holds all that are kept, so that these do not depend on the block's size."""
-    runs = settings.run_numbers
-    begin, size = runs.start, max(settings.block_runs, settings.keep_runs)
-    while begin < runs.stop:
-        yield range(begin, min(begin + size, runs.stop))
-        begin, size = begin + size, settings.block_runs
-
-
-def block_count(settings: Settings) -> int:
-    """How many blocks :func:`blocks_of` gives."""
-    first = max(settings.block_runs, settings.keep_runs)
-    return 1 + max(0, -(-(len(settings.run_numbers) - first) // settings.block_runs))
 
 
 def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
@@ -201,13 +218,6 @@ def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:
         shown=shown,
         run=int(arrays["run"][0]),
     )
-
-
-def _threads() -> int:
-    """Threads for what one process computes: as many as it has cores, but one where it is one of several."""
-    if multiprocessing.parent_process() is not None:
-        return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _found(

@@ -13,18 +13,19 @@ from typing import Any
 import numpy as np
 
 from estlab import expectations, parts, rundir
+from estlab.blocks import block
 from estlab.config import Settings
 from estlab.ensemble import (
     SMOOTHED,
     Ensemble,
     Names,
-    blocks_of,
     estimated,
     filters_of,
     histories_of,
     history_of,
     loop_of,
     record_of,
+    workers,
 )
 from estlab.errors import UserError
 from estlab.expectations import Finding
@@ -82,14 +83,16 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
     directory.describe(names=asdict(names), scenario=names.scenario, filters=list(filters))
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
-    first = record_of(settings, names, next(blocks_of(settings)))
-    title = _title(names, filters, runs, first.time.size, settings.seed)
-    directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
-    if settings.parts:
-        ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
-    else:
-        with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
-            ensemble = estimated(settings, names, first, progress)
+    with workers(settings, names) as crew:
+        first = record_of(settings, names, block(settings, 0))
+        title = _title(names, filters, runs, first.time.size, settings.seed)
+        directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
+        if settings.parts:
+            ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
+        else:
+            with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
+                ensemble = estimated(settings, names, first, crew, progress)
+    directory.describe(cores=crew.cores)
     if settings.part is not None:
         directory.describe(part=settings.part)
         directory.write(rundir.PART, partial(parts.save, ensemble))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import UserError, printable
+from estlab.errors import UserError, WorkerLostError, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ _TOLD = (
     "plugins=",
     "keep_runs=",
     "block_runs=",
+    "cores=",
     "expect",
     "++expect",
     "sweep.",
@@ -211,14 +212,14 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
 
 def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
-    if isinstance(error, UserError):
+    if isinstance(error, (UserError, WorkerLostError)):
         return str(error)
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         remedy = "make room or set output to another disk" if full else "check its permissions"
         return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
     if isinstance(error, MemoryError):
-        return "out of memory; lower block_runs, runs, keep_runs or scenario.duration"
+        return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 

@@ -7,8 +7,9 @@ from typing import BinaryIO
 
 import numpy as np
 
+from estlab.blocks import block_count
 from estlab.config import Settings
-from estlab.ensemble import Ensemble, Totals, block_count, empty_totals
+from estlab.ensemble import Ensemble, Totals, empty_totals
 from estlab.errors import UserError
 from estlab.maths.space import Array
 from estlab.metrics.stored import below, comparison_arrays, comparison_of, tally_arrays, tally_of

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from estlab.rundir import RunDirectory
 
 HELP = """\
-estlab rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [output=FOLDER | hydra.run.dir=FOLDER]
+estlab rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [cores=N] [output=FOLDER | hydra.run.dir=FOLDER]
 
 Runs again what DIR's config.yaml says, with its seed, into a directory of its own, and compares every figure.
 DIR is data, whoever wrote it: classes come from estlab alone and from the plugins that you type; its own list of
@@ -31,7 +31,7 @@ plugins does not count. Its output does not either: the run goes below runs/, or
 Exit codes: 0 the figures are the same to 1e-9, 1 they are not or the run failed, 2 usage, 130 interrupted.
 """
 
-_KEYS = ("plugins", "data.path", "output", "hydra.run.dir")
+_KEYS = ("plugins", "data.path", "cores", "output", "hydra.run.dir")
 _EQUAL = 1e-9
 _LINES = 10
 
@@ -43,6 +43,7 @@ class Wanted:
     folder: Path
     plugins: list[str]
     data: str | None
+    cores: int | None
     output: str
     to: str | None
 
@@ -95,7 +96,10 @@ def _read(arguments: Sequence[str]) -> Wanted:
         raise UserError(f"plugins={plugins}: write a list, for example plugins=[mine]")
     typed = [name.strip() for name in match[1].split(",") if name.strip()]
     output = keys.get("output", "runs")
-    return Wanted(folders[0], typed, keys.get("data.path"), output, keys.get("hydra.run.dir"))
+    cores = int(keys["cores"]) if keys.get("cores", "").isdecimal() else None
+    if cores is None and keys.get("cores", "null") != "null":
+        raise UserError(f"cores={keys['cores']}: write a whole number, for example cores=1")
+    return Wanted(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
 
 
 def _itself(folder: Path) -> Path:
@@ -105,8 +109,8 @@ def _itself(folder: Path) -> Path:
 
 
 def _config(before: "Finished", wanted: Wanted) -> dict[str, Any]:
-    """The configuration as it was, but for where it goes, what is trusted and where the data are."""
-    config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins}
+    """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
+    config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
     data = config.get("data")
     if isinstance(data, Mapping) and data.get("source") == "files":
         config["data"] = dict(data) | {"path": _data_path(before, str(data.get("path")), wanted.data)}

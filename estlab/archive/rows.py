@@ -11,7 +11,19 @@ from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
 
 # Keys that change no figure, and those that stand in a row otherwise.
-_NO_MATTER = ("output", "plots", "report", "plugins", "expect", "keep_runs", "block_runs", "filters", "filter", "sweep")
+_NO_MATTER = (
+    "output",
+    "plots",
+    "report",
+    "plugins",
+    "expect",
+    "keep_runs",
+    "block_runs",
+    "cores",
+    "filters",
+    "filter",
+    "sweep",
+)
 _SHOWN, _LONGEST = 4, 32
 
 Metric = tuple[str, str]  # its name and its component

@@ -26,28 +26,28 @@ def console() -> Console:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int], Callable[[], None]]]:
-    """A bar, shown only on a terminal and only if it lasts: told how many ticks there will be, it gives what ticks."""
+def progress(what: str) -> Iterator[Callable[[int], Callable[[int], None]]]:
+    """A bar, shown only on a terminal and only if it lasts: told of all steps, it gives what counts those done."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     screen = Console(stderr=True)
     if not screen.is_terminal:
-        yield lambda total: lambda: None
+        yield lambda total: lambda steps: None
         return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=screen, transient=True) as bar:
 
-        def begin(total: int) -> Callable[[], None]:
+        def begin(total: int) -> Callable[[int], None]:
             task = bar.add_task(what, total=total)
             done, shown = 0, time.monotonic()
 
-            def tick() -> None:
+            def count(steps: int) -> None:
                 nonlocal done, shown
-                done += 1
+                done += steps
                 if time.monotonic() - shown > _EVERY:
                     bar.update(task, completed=done)
                     shown = time.monotonic()
 
-            return tick
+            return count
 
         yield begin

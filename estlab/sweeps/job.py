@@ -90,6 +90,8 @@ def _job(config: "DictConfig", folder: Path) -> Job:
     from omegaconf import OmegaConf
 
     plain, names = described(config)
+    if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
+        plain["cores"] = 1  # the engine has spread its jobs over the cores already
     # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
     typed = [str(word) for word in HydraConfig.get().overrides.task if not word.startswith("parts=")]
     return Job(

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from estlab.blocks import block_count
 from estlab.config import build
-from estlab.ensemble import block_count
 from estlab.errors import UserError
 from estlab.groups import Sweep
 from estlab.launch import described

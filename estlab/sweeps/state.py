@@ -23,7 +23,7 @@ PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 # What may change between a job and its repetition without changing a figure of it.
-_NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective")
+_NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective", "cores")
 
 State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
 

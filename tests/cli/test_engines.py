@@ -1,6 +1,7 @@
 """The same sweep by other engines: the same table, and a worker that dies takes its own job alone."""
 
 import contextlib
+import json
 import logging
 import os
 import signal
@@ -56,8 +57,10 @@ def test_dask_gives_the_table_of_the_basic_launcher(scheduler, capsys):
 
 @dask
 def test_dask_starts_workers_of_its_own():
-    words = ["hydra/launcher=dask", "hydra.launcher.workers=1"]
+    words = ["hydra/launcher=dask", "hydra.launcher.workers=1", "block_runs=1", "keep_runs=1"]
     assert sweep("seed=1,2", *words, place="dask") == 0
+    facts = [json.loads(Path("dask", row["job"], "run.json").read_text()) for row in table("dask")]
+    assert [one["cores"] for one in facts] == [1, 1], "its workers share the cores, so their jobs do not"
     assert len({status(f"dask/{row['job']}")["pid"] for row in table("dask")} - {os.getpid()}) == 1
 
 

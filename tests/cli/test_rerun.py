@@ -213,7 +213,10 @@ def test_data_that_have_moved_changed_or_gone_are_said_before_the_run(capsys, mo
         ([], "takes one run directory"),
         (["runs/day/run", "runs/day"], "takes one run directory"),
         (["runs/day"], "is no run directory"),
-        (["runs/day/run", "seed=3"], "runs what was run; it takes plugins, data.path, output, hydra.run.dir alone"),
+        (
+            ["runs/day/run", "seed=3"],
+            "runs what was run; it takes plugins, data.path, cores, output, hydra.run.dir alone",
+        ),
         (["runs/day/run", "--fast"], "has no flag --fast"),
         (["runs/day/run", "plugins=mine"], "write a list"),
         (["runs/day/run", "data.path=x"], "the run's data were simulated"),

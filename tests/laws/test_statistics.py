@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estlab.blocks import block
 from estlab.config import Settings
-from estlab.ensemble import Names, blocks_of, estimated, record_of
+from estlab.ensemble import Ensemble, Names, estimated, record_of, workers
 from estlab.filters.gaussian import extended
 from estlab.maths.space import Space
 from estlab.metrics import series
@@ -28,12 +29,17 @@ from tests.conftest import estimate, metrics, settings, tallied
 KALMAN = extended("additive", None)
 
 
+def ensemble_of(experiment: Settings, names: Names) -> Ensemble:
+    """All runs of all filters."""
+    with workers(experiment, names) as crew:
+        first = record_of(experiment, names, block(experiment, 0))
+        return estimated(experiment, names, first, crew, lambda total: lambda steps: None)
+
+
 def figures(experiment: Settings, name: str) -> dict[str, dict]:
     """Every figure of every filter of a run."""
     names = Names(name, "ukf")
-    first = record_of(experiment, names, next(blocks_of(experiment)))
-    ensemble = estimated(experiment, names, first, lambda total: lambda: None)
-    return {label: metrics(tally) for label, tally in ensemble.total.tallies.items()}
+    return {label: metrics(tally) for label, tally in ensemble_of(experiment, names).total.tallies.items()}
 
 
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=6), st.integers(0, 10_000))
@@ -81,8 +87,7 @@ def test_a_run_alone_is_that_run_among_all(scenario):
     kept = {}
     for which in ("run_index=null", "run_index=7"):
         experiment = settings(f"scenario={scenario}", "runs=9", "steps=20", which)
-        first = record_of(experiment, names, next(blocks_of(experiment)))
-        kept[which] = estimated(experiment, names, first, lambda total: lambda: None).kept["ukf"]
+        kept[which] = ensemble_of(experiment, names).kept["ukf"]
     among, alone = kept.values()
     for name in ("truth", "mean", "cov"):
         np.testing.assert_allclose(alone[name][..., 0], among[name][..., 7], rtol=1e-12, atol=1e-12)
@@ -94,8 +99,7 @@ def test_the_order_of_filters_changes_no_figure_and_no_comparison():
         plugs = [f"+filter@filters.{name}={name}" for name in order]
         experiment = settings("scenario=field", "runs=12", "steps=20", *plugs)
         names = Names("field", "ekf")
-        first = record_of(experiment, names, next(blocks_of(experiment)))
-        ensemble = estimated(experiment, names, first, lambda total: lambda: None)
+        ensemble = ensemble_of(experiment, names)
         results.append(({n: metrics(t) for n, t in ensemble.total.tallies.items()}, ensemble.total.comparison.rows({})))
     (one, compared), (other, compared_too) = results
     for name in ("ekf", "ukf"):

@@ -1,0 +1,64 @@
+"""How many cores a job may use; what keeps each of its processes to its own: threads of linear algebra, memory."""
+
+import contextlib
+import math
+import os
+import sys
+from pathlib import Path
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # malloc.h
+_QUOTA = Path("/sys/fs/cgroup/cpu.max"), Path("/sys/fs/cgroup/cpu/cpu.cfs_quota_us")
+_PERIOD = Path("/sys/fs/cgroup/cpu/cpu.cfs_period_us")
+
+
+def processes(cores: int | None, pieces: int) -> int:
+    """How many processes share so many pieces of a job, this one included; cores: as many, None for those there are.
+
+    One where none can be started, or where this process is itself one of a pool that has the cores already.
+    """
+    import multiprocessing
+
+    pooled = multiprocessing.parent_process() is not None
+    if multiprocessing.current_process().daemon or (cores is None and pooled):
+        return 1
+    return max(1, min(cores or usable(), pieces))
+
+
+def usable() -> int:
+    """The processors that this process may use: those it may run on, and no more than its container's share of time."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(count, _quota() or count))
+
+
+def one_thread_each() -> None:
+    """Keep linear algebra to one thread, before NumPy is imported, unless the user says how many it has.
+
+    Its matrices here are small. A process of one thread can be forked, and shares no core with its like.
+    """
+    if "numpy" not in sys.modules and not any(name in os.environ for name in _THREADS):
+        os.environ.update(dict.fromkeys(_THREADS, "1"))
+
+
+def keep_memory() -> None:
+    """Keep what arrays give back, instead of handing each large one to the system and asking it for fresh pages.
+
+    The system's allocator is told, where it is glibc's; that of the pages cost a tenth of a block's time.
+    """
+    import ctypes
+
+    with contextlib.suppress(AttributeError, OSError):
+        tell = ctypes.CDLL(None).mallopt
+        tell(_MMAP_THRESHOLD, 32 * 2**20)  # the most it takes
+        tell(_TRIM_THRESHOLD, 2**30)
+
+
+def _quota() -> int | None:
+    """Processors' worth of time that the container gives, by its control group; None for no limit."""
+    for file in _QUOTA:
+        with contextlib.suppress(OSError, ValueError, ZeroDivisionError):
+            words = file.read_text().split()
+            period = words[1] if len(words) > 1 else _PERIOD.read_text()
+            share = float(words[0]) / float(period)  # of no limit, version 1 says -1, version 2 a word
+            return math.ceil(share) if share > 0.0 else None
+    return None
