@@ -42,6 +42,7 @@ class Settings:
     seed: int
     keep_runs: int
     block_runs: int
+    engine: Literal["numpy", "numba"]
     smooth: bool
     verdict: Tolerance
     plots: bool

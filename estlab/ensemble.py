@@ -84,7 +84,10 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
 def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    return Loop(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+    kind = Loop
+    if settings.engine == "numba":
+        from estlab.filters.compiled.engine import CompiledLoop as kind  # noqa: N813
+    return kind(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:

@@ -37,6 +37,9 @@ class Loop:
                 "gate would refuse all of a time's readings for one; take scenario.update=sequential with it"
             )
 
+    def check_engine(self) -> None:
+        """Raise ValueError if what the loop runs on is not for this filter; NumPy is for all."""
+
     def check_smoother(self) -> None:
         """Raise ValueError if there is no smoother for this filter and scheme."""
         if not isinstance(self.filter, GaussianFilter):
