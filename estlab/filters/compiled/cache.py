@@ -17,6 +17,7 @@ import tempfile
 import types
 import warnings
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +44,7 @@ def loop(plan: Plan, arguments: Sequence[Any]) -> Callable[..., None]:
 
     Raises UserError, naming the function, for a model that cannot be compiled.
     """
-    source = text(plan)
-    digest = fingerprint(source, plan)
+    source, digest = made_of(plan)
     if digest not in _BUILT:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NumbaWarning)  # hints on speed, for who writes the code
@@ -52,14 +52,16 @@ def loop(plan: Plan, arguments: Sequence[Any]) -> Callable[..., None]:
     return _BUILT[digest]
 
 
-def fingerprint(source: str, plan: Plan) -> str:
-    """A hash of all that the compiled code is made of."""
+@lru_cache
+def made_of(plan: Plan) -> tuple[str, str]:
+    """The text of the module, and a hash of all that the compiled code is made of."""
+    source = text(plan)
     told = [platform.python_version(), *map(importlib.metadata.version, ("numba", "llvmlite", "numpy"))]
     told += [source, *map(inspect.getsource, (small, scalars, models))]
-    for function, names in models.parts(plan.functions().values()):
+    for function, names in models.parts(plan.functions.values()):
         told += [function.__module__, function.__qualname__, _source(function)]
         told += [f"{name}={_told(value)}" for name, value in sorted(names.items())]
-    return hashlib.sha256("\0".join(told).encode()).hexdigest()[:32]
+    return source, hashlib.sha256("\0".join(told).encode()).hexdigest()[:32]
 
 
 def _source(function: types.FunctionType) -> str:
@@ -129,7 +131,7 @@ def _compiled(plan: Plan, module: types.ModuleType, kinds: tuple[Any, ...], cach
 def _complaint(plan: Plan, error: Exception) -> str:
     """Which of the model's functions cannot be compiled, in one line."""
     number = numba.types.float64
-    state, noise = (number,) * plan.motion.space.size, (number,) * plan.motion.noise_size
+    state, noise = (number,) * plan.state.size, (number,) * plan.noises
     command, place = (number,) * plan.controls, (number,) * plan.coordinates
     given = {
         "move": (state, command, noise, number),
@@ -137,7 +139,7 @@ def _complaint(plan: Plan, error: Exception) -> str:
         "jacobians": (state, command, number),
         "slope": (state, place),
     }
-    for kind, function in plan.functions().items():
+    for kind, function in plan.functions.items():
         try:
             models.compiled(function).compile(tuple(_tuple(one) for one in given[kind]))
         except Exception as reason:

@@ -51,14 +51,7 @@ class CompiledLoop(Loop):
 
         filter = self.filter
         assert isinstance(filter, GaussianFilter)
-        plan = Plan(
-            self.motion,
-            self.sensor,
-            record.control.shape[0],
-            record.places.shape[0],
-            isinstance(filter.transform, Linearised),
-            filter.noise == "augmented" and not isinstance(filter.transform, Linearised),
-        )
+        plan = self._plan(filter, record)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             belief = filter.start(record.prior, draws)
             given = self._given(plan, filter, record)
@@ -74,9 +67,27 @@ class CompiledLoop(Loop):
             for _ in range(first, last):
                 tick()
             first = last
-        # Runs that share a belief have no readings, and all the same estimates.
-        mean, cov, gated = (np.repeat(array, record.runs // runs, axis=-1) for array in (mean, cov, gated))
+        if runs < record.runs:  # they share a belief, and have no readings
+            mean, cov, gated = (np.repeat(array, record.runs, axis=-1) for array in (mean, cov, gated))
         return Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, filter.gate)
+
+    def _plan(self, filter: GaussianFilter, record: Record) -> Plan:
+        motion, sensor = self.motion, self.sensor
+        linearised = isinstance(filter.transform, Linearised)
+        return Plan(
+            motion.move,
+            motion.jacobians,
+            sensor.measure,
+            sensor.slope,
+            motion.space,
+            sensor.space,
+            motion.noise_size,
+            record.control.shape[0],
+            record.places.shape[0],
+            linearised,
+            # Along a tangent both are the same.
+            filter.noise == "augmented" and not linearised,
+        )
 
     def _given(self, plan: Plan, filter: GaussianFilter, record: Record) -> tuple[Any, ...]:
         """What the loop is given, in its order: time line, commands, noises, readings, gate, points."""
@@ -97,9 +108,9 @@ class CompiledLoop(Loop):
             _whole(np.moveaxis(noise, (0, 1), (2, 3))),
             which,
             float(pause),
-            readings.bounds(record.time.size).astype(np.int64),
+            _whole(readings.bounds(record.time.size), np.int64),
             _whole(readings.values),
-            np.ascontiguousarray(readings.target, dtype=np.int64),
+            _whole(readings.target, np.int64),
             _whole(record.places),
             _whole(reading_noise),
             quantiles,
@@ -143,18 +154,18 @@ def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[
 
 
 def _points(plan: Plan, filter: GaussianFilter) -> tuple[Array, Array, Array, Array, float]:
-    """Where points lie for unit covariance, (axes, p), and their weights, of motion and of sensor; the centre's bonus."""
+    """Where the points of motion and sensor lie for unit covariance, (axes, p), and what they weigh; the bonus."""
     transform = filter.transform
     if not isinstance(transform, SigmaPoints):
         return np.empty((0, 0)), np.empty(0), np.empty((0, 0)), np.empty(0), 0.0
-    n = plan.motion.space.size
-    axes = [n + plan.motion.noise_size, n + plan.sensor.space.size] if plan.augmented else [n, n]
+    n = plan.state.size
+    axes = [n + plan.noises, n + plan.reading.size] if plan.augmented else [n, n]
     (motion, of_motion), (sensor, of_sensor) = (
         (_whole(transform.offsets(np.eye(size))), _whole(transform.weights(size))) for size in axes
     )
     return motion, of_motion, sensor, of_sensor, float(transform.bonus())
 
 
-def _whole(array: Array) -> Array:
-    """As the loop was compiled for: in one piece, in double precision."""
-    return np.ascontiguousarray(array, dtype=np.float64)
+def _whole(array: Array, kind: type = np.float64) -> Array:
+    """As the loop was compiled for: in one piece, of this kind of number, and not read-only, which is another type."""
+    return np.require(array, kind, ["C", "A", "W"])

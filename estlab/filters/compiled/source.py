@@ -13,31 +13,38 @@ from typing import Any
 
 from estlab.filters.compiled.models import name_of
 from estlab.maths.derivatives import RELATIVE_STEP
-from estlab.models.contract import Motion, Sensor
+from estlab.maths.space import Space
 
 
 @dataclass(frozen=True)
 class Plan:
     """All that the compiled code depends on.
 
-    controls, coordinates: how many components a command and a place have.
+    move, jacobians, measure, slope: those of Motion and Sensor; jacobians and slope None for differences.
+    state, reading: their spaces. noises, controls, coordinates: how many components process noise, command, place have.
     linearised: whether beliefs go along tangents, else through points; augmented: whether with the noises.
     """
 
-    motion: Motion
-    sensor: Sensor
+    move: Callable[..., Any]
+    jacobians: Callable[..., Any] | None
+    measure: Callable[..., Any]
+    slope: Callable[..., Any] | None
+    state: Space
+    reading: Space
+    noises: int
     controls: int
     coordinates: int
     linearised: bool
     augmented: bool
 
+    @property
     def functions(self) -> dict[str, Callable[..., Any]]:
         """The model's functions that are needed, by what they are."""
-        found: dict[str, Callable[..., Any]] = {"move": self.motion.move, "measure": self.sensor.measure}
-        if self.motion.jacobians is not None and not self.augmented:
-            found["jacobians"] = self.motion.jacobians
-        if self.sensor.slope is not None and self.linearised:
-            found["slope"] = self.sensor.slope
+        found = {"move": self.move, "measure": self.measure}
+        if self.jacobians is not None and not self.augmented:
+            found["jacobians"] = self.jacobians
+        if self.slope is not None and self.linearised:
+            found["slope"] = self.slope
         return found
 
 
@@ -50,7 +57,7 @@ def text(plan: Plan) -> str:
 
 
 def _header(plan: Plan) -> str:
-    functions = {kind: name_of(function) for kind, function in plan.functions().items()}
+    functions = {kind: name_of(function) for kind, function in plan.functions.items()}
     named = [f"{module}.{name}" for module, name in functions.values()]
     return "\n".join(
         [
@@ -59,7 +66,7 @@ def _header(plan: Plan) -> str:
             "from estlab.filters.compiled.models import compiled, found",
             "from estlab.filters.compiled.scalars import jit",
             "",
-            f"N, M, Q = {plan.motion.space.size}, {plan.sensor.space.size}, {plan.motion.noise_size}",
+            f"N, M, Q = {plan.state.size}, {plan.reading.size}, {plan.noises}",
             f"AUGMENTED = {plan.augmented}",
             f"AT_REST = {(0.0,) * plan.controls}",
             f"RELATIVE_STEP = {float(RELATIVE_STEP)!r}",
@@ -71,7 +78,7 @@ def _header(plan: Plan) -> str:
 
 
 def _adapters(plan: Plan) -> str:
-    n, m, q = plan.motion.space.size, plan.sensor.space.size, plan.motion.noise_size
+    n, m, q = plan.state.size, plan.reading.size, plan.noises
     state = _row(n, "p[{}]")
     noisy = plan.augmented and not plan.linearised
     added = [f" + p[{n + i}]" if noisy else "" for i in range(m)]
@@ -79,8 +86,8 @@ def _adapters(plan: Plan) -> str:
         [
             _function("command(control, k, r)", [f"return {_row(plan.controls, 'control[{}, k, r]')}"]),
             _function("about(places, number)", [f"return {_row(plan.coordinates, 'places[{}, number]')}"]),
-            _function("wrap_state(x)", [f"x[{i}] = wrap(x[{i}])" for i in plan.motion.space.angles]),
-            _function("wrap_reading(z)", [f"z[{i}] = wrap(z[{i}])" for i in plan.sensor.space.angles]),
+            _function("wrap_state(x)", [f"x[{i}] = wrap(x[{i}])" for i in plan.state.angles]),
+            _function("wrap_reading(z)", [f"z[{i}] = wrap(z[{i}])" for i in plan.reading.angles]),
             _function(
                 "motion(p, given, out)",
                 [
@@ -93,7 +100,7 @@ def _adapters(plan: Plan) -> str:
                 [
                     f"value = measure({state}, given[0])",
                     *(f"out[{i}] = value[{i}]{added[i]}" for i in range(m)),
-                    "wrap_reading(out)" if noisy else "",
+                    *(["wrap_reading(out)"] if noisy else []),
                 ],
             ),
         ]
@@ -102,15 +109,15 @@ def _adapters(plan: Plan) -> str:
 
 def _slopes(plan: Plan) -> str:
     """The models' slopes, as they state them or by differences."""
-    n, m, q = plan.motion.space.size, plan.sensor.space.size, plan.motion.noise_size
+    n, m, q = plan.state.size, plan.reading.size, plan.noises
     state = _row(n, "p[{}]")
     motion, sensor = "motion_slopes = motion_differences", "sensor_slope = sensor_differences"
     if plan.augmented:
         motion = _function("motion_slopes(p, given, in_state, in_noise)", [])
-    elif plan.motion.jacobians is not None:
+    elif plan.jacobians is not None:
         lines = [f"a, b = jacobians({state}, given[0], given[1])", *_entries("in_state", "a", n, n)]
         motion = _function("motion_slopes(p, given, in_state, in_noise)", lines + _entries("in_noise", "b", n, q))
-    if plan.sensor.slope is not None:
+    if plan.slope is not None:
         lines = [f"a = slope({state}, given[0])", *_entries("out", "a", m, n)]
         sensor = _function("sensor_slope(p, given, out)", lines)
     return f"{motion}\n\n{sensor}\n" if plan.linearised else f"{motion}\n"
