@@ -121,6 +121,7 @@ def estimated(
         found: dict[str, Estimates] = {}
         for name, loop in loops.items():
             draws = streams.draws(f"filter/{name}", block if record.each_its_own else range(1))
+            loop.prepare(record, draws)
             began = time.perf_counter()
             found |= _found(loop, name, record, draws, tick, settings.smooth)
             ensemble.seconds[name] = ensemble.seconds.get(name, 0.0) + time.perf_counter() - began

@@ -13,12 +13,11 @@ def by_both(*words, change=lambda record: record):
     """Estimates of the NumPy and of the compiled loop for what these words compose, the record changed first."""
     wanted = settings(*words)
     record = change(record_of(wanted, Names("test", "test"), wanted.run_numbers))
-    draws = Streams(1, "test").draws("filter", wanted.run_numbers if record.each_its_own else range(1))
     loops = [loop_of(replace(wanted, engine=engine), wanted.filter, record.places) for engine in ("numpy", "numba")]
     for loop in loops:
         loop.check()
         loop.check_engine()
-    return [loop.estimate(record, draws) for loop in loops]
+    return [estimated(loop, record) for loop in loops]
 
 
 def with_readings(change):
@@ -41,3 +40,8 @@ def assert_same(expected, found, within):
         assert (np.abs(a - b) <= within * np.abs(a).max(axis=axes, keepdims=True)).all(), name
     assert np.array_equal(expected.notes["gated"], found.notes["gated"])
     assert expected.gate == found.gate
+
+
+def estimated(loop, record):
+    """What a loop makes of a record."""
+    return loop.estimate(record, Streams(1, "test").draws("filter", range(record.runs)))

@@ -46,6 +46,10 @@ class CompiledLoop(Loop):
     def check_smoother(self) -> None:
         raise ValueError("engine=numba has no smoother; take engine=numpy")
 
+    def prepare(self, record: Record, draws: Draws) -> None:
+        """Compile the loop, or find it compiled, by going one step."""
+        self.estimate(record.first(1), draws)
+
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         from estlab.filters.compiled import cache
 
