@@ -20,7 +20,7 @@ from estlab.models.contract import Motion
 from estlab.record import Estimates, Record
 
 _TRANSFORMS = (Linearised, Scaled, Julier, Cubature, Simplex, GaussHermite)
-_AT_ONCE = 200_000  # steps of runs between two ticks: compiled code hears no interruption
+_AT_ONCE = 200_000  # points of steps of runs between ticks, under a second: compiled code hears no interruption
 
 
 class CompiledLoop(Loop):
@@ -63,7 +63,8 @@ class CompiledLoop(Loop):
         state = _whole(belief.mean).copy(), _whole(belief.cov).copy()
         mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
         whitened, log_scale = np.full((2, *record.readings.values.shape), np.nan)
-        first, size = 0, max(1, _AT_ONCE // runs)
+        points = given[-1]
+        first, size = 0, max(1, _AT_ONCE // (runs * (1 + points[1].size)))
         while first < steps:
             last = min(first + size, steps)
             arguments = (first, last, *given, *state, mean, cov, whitened, log_scale, gated)
