@@ -10,10 +10,12 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import inspect
+import logging
 import os
 import platform
 import sys
 import tempfile
+import time
 import types
 import warnings
 from collections.abc import Callable, Sequence
@@ -29,6 +31,8 @@ from estlab.errors import UserError, printable
 from estlab.filters.compiled import models, scalars
 from estlab.filters.compiled.kernel import small
 from estlab.filters.compiled.source import Plan, text
+
+log = logging.getLogger("estlab")
 
 _BUILT: dict[str, Any] = {}
 
@@ -119,12 +123,15 @@ def _imported(name: str, path: Path) -> types.ModuleType:
 
 def _compiled(plan: Plan, module: types.ModuleType, kinds: tuple[Any, ...], cache: bool) -> Any:
     forward = scalars.NJIT(error_model="numpy", no_cfunc_wrapper=True, cache=cache)(module.forward)
+    began = time.perf_counter()
     try:
         forward.compile(kinds)
     except OSError:
         raise  # of the folder
     except Exception as error:
         raise UserError(_complaint(plan, error)) from error
+    found = "found compiled" if sum(forward.stats.cache_hits.values()) else "compiled"
+    log.info("engine=numba: the loop was %s in %.1f s (%s)", found, time.perf_counter() - began, module.__name__)
     return forward
 
 
