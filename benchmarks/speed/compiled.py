@@ -5,6 +5,7 @@ python -m benchmarks.speed.compiled
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,15 +25,15 @@ from estlab.record import Estimates, Record
 PLAIN = "plain loop, one Python call per sigma point"
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "MRCLAM_Dataset6"
 GOAL = 100.0
-_STEPS = 300  # of the plain loops, whose time is scaled up
+_STEPS = 1000  # of the plain loops, whose time is scaled up
 
 
 def rows() -> Iterator[Row]:
     """Landmark EKF and car UKF on 30,000 steps; a real recording, where it is, against the NumPy engine."""
     landmark = Case("scenario=landmark", "filter=ekf", "scenario.duration=3000")
-    yield landmark.row("landmark EKF, 1 run × 30,000 steps, engine=numba", landmark.plain_robot)
+    yield landmark.row("landmark EKF, 1 run × 30,000 steps, engine=numba", landmark.plain_robot())
     car = Case("scenario=car", "filter=ukf", "filter.noise=additive", "scenario.dt=0.001", "scenario.duration=30")
-    yield car.row("car UKF, 1 run × 30,000 steps, engine=numba", car.plain_car)
+    yield car.row("car UKF, 1 run × 30,000 steps, engine=numba", car.plain_car())
     if REAL.is_dir():
         real = Case("scenario=landmark", "filter=ekf", "data=files", f"data.path={REAL}", "data.prefix=Robot1_")
         work = f"MRCLAM_Dataset6 Robot1, EKF, {real.record.time.size:,} events, engine=numba"
@@ -64,16 +65,17 @@ class Case:
         """What the NumPy engine finds in the first 3000 steps."""
         return self._estimated(replace(self.settings, engine="numpy"), self.record.first(3000))
 
-    def plain_car(self) -> object:
-        """The first steps by the reference."""
+    def plain_car(self) -> Callable[[], object]:
+        """The reference over the first steps."""
         motion, sensor, record = *self._models(), self.record
         dt = self.settings.scenario.dt
         readings = record.readings.values[:, :_STEPS, 0].T
         rates = motion.noise_cov(np.empty((0, 1)), dt)
-        return reference.car_ukf(record.prior.mean[:, 0], record.prior.cov, readings, rates, sensor.noise_cov, dt)
+        prior = record.prior.mean[:, 0], record.prior.cov
+        return partial(reference.car_ukf, *prior, readings, rates, sensor.noise_cov, dt)
 
-    def plain_robot(self) -> object:
-        """The first steps by the reference."""
+    def plain_robot(self) -> Callable[[], object]:
+        """The reference over the first steps."""
         motion, sensor, record = *self._models(), self.record
         dt, bounds = self.settings.scenario.dt, record.readings.bounds(_STEPS)
         values, target = record.readings.values[:, :, 0], record.readings.target[:, 0]
@@ -82,9 +84,9 @@ class Case:
             for first, last in pairwise(bounds)
         ]
         controls = record.control[:, :_STEPS, 0].T
-        mean, cov = record.prior.mean[:, 0], record.prior.cov
-        control_cov = motion.noise_cov(controls[0], dt)
-        return reference.landmark_filter(True, mean, cov, controls, readings, control_cov, sensor.noise_cov, dt)
+        noises = motion.noise_cov(controls[0], dt), sensor.noise_cov
+        prior = record.prior.mean[:, 0], record.prior.cov
+        return partial(reference.landmark_filter, True, *prior, controls, readings, *noises, dt)
 
     def _models(self) -> tuple[Motion, Sensor]:
         scenario, noise = self.settings.scenario, self.settings.noise.filter

@@ -53,7 +53,7 @@ def text(plan: Plan) -> str:
     from estlab.filters.compiled.kernel import differences, line, loop, points
 
     kernel = [differences, line if plan.linearised else points, loop]
-    return "\n\n".join([_header(plan), _adapters(plan), *map(inspect.getsource, kernel), _slopes(plan)])
+    return "\n\n".join([_header(plan), _adapters(plan), *map(inspect.getsource, kernel), _tangents(plan)])
 
 
 def _header(plan: Plan) -> str:
@@ -92,7 +92,7 @@ def _adapters(plan: Plan) -> str:
                 "motion(p, given, out)",
                 [
                     f"value = move({state}, given[0], {_row(q, 'p[{}]', n)}, given[1])",
-                    *(f"out[{i}] = value[{i}]" for i in range(n)),
+                    *_values(n),
                 ],
             ),
             _function(
@@ -107,20 +107,31 @@ def _adapters(plan: Plan) -> str:
     )
 
 
-def _slopes(plan: Plan) -> str:
-    """The models' slopes, as they state them or by differences."""
+def _tangents(plan: Plan) -> str:
+    """The models' values with their slopes, as they state them or by differences.
+
+    Both are taken from one set of numbers, and before any is written, so that the compiler finds what they share. No
+    noise is -0.0, which added to a number leaves it as it is, and the compiler knows.
+    """
     n, m, q = plan.state.size, plan.reading.size, plan.noises
-    state = _row(n, "p[{}]")
-    motion, sensor = "motion_slopes = motion_differences", "sensor_slope = sensor_differences"
-    if plan.augmented:
-        motion = _function("motion_slopes(p, given, in_state, in_noise)", [])
-    elif plan.jacobians is not None:
-        lines = [f"a, b = jacobians({state}, given[0], given[1])", *_entries("in_state", "a", n, n)]
-        motion = _function("motion_slopes(p, given, in_state, in_noise)", lines + _entries("in_noise", "b", n, q))
+    state = f"x = {_row(n, 'p[{}]')}"
+    motion, sensor = "motion_tangent = motion_by_differences", "sensor_tangent = sensor_by_differences"
+    if plan.jacobians is not None and not plan.augmented:
+        lines = [
+            state,
+            f"value = move(x, given[0], {(-0.0,) * q}, given[1])",
+            "a, b = jacobians(x, given[0], given[1])",
+        ]
+        entries = _entries("in_state", "a", n, n) + _entries("in_noise", "b", n, q)
+        motion = _function("motion_tangent(p, given, out, in_state, in_noise)", lines + _values(n) + entries)
     if plan.slope is not None:
-        lines = [f"a = slope({state}, given[0])", *_entries("out", "a", m, n)]
-        sensor = _function("sensor_slope(p, given, out)", lines)
+        lines = [state, "value = measure(x, given[0])", "a = slope(x, given[0])"]
+        sensor = _function("sensor_tangent(p, given, out, slopes)", lines + _values(m) + _entries("slopes", "a", m, n))
     return f"{motion}\n\n{sensor}\n" if plan.linearised else f"{motion}\n"
+
+
+def _values(size: int) -> list[str]:
+    return [f"out[{i}] = value[{i}]" for i in range(size)]
 
 
 def _row(size: int, entry: str, first: int = 0) -> str:

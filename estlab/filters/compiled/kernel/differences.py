@@ -18,8 +18,9 @@ wrap_reading: Callable[[Array], None]
 
 
 @jit
-def motion_differences(p: Array, given: Any, in_state: Array, in_noise: Array) -> None:
-    """The slopes of the motion at a point (n + q,), in its state and in its noise."""
+def motion_by_differences(p: Array, given: Any, out: Array, in_state: Array, in_noise: Array) -> None:
+    """The motion at a point (n + q,), and its slopes in the state and in the noise."""
+    motion(p, given, out)
     above, below = np.empty(N), np.empty(N)
     for c in range(N + Q):
         at = p[c]
@@ -38,8 +39,9 @@ def motion_differences(p: Array, given: Any, in_state: Array, in_noise: Array) -
 
 
 @jit
-def sensor_differences(p: Array, given: Any, slope: Array) -> None:
-    """The slope of the sensor in the state."""
+def sensor_by_differences(p: Array, given: Any, out: Array, slopes: Array) -> None:
+    """The sensor at a state, and its slopes."""
+    sensor(p, given, out)
     above, below = np.empty(M), np.empty(M)
     for c in range(N):
         at = p[c]
@@ -53,4 +55,4 @@ def sensor_differences(p: Array, given: Any, slope: Array) -> None:
             above[a] -= below[a]
         wrap_reading(above)
         for a in range(M):
-            slope[a, c] = above[a] / (2.0 * step)
+            slopes[a, c] = above[a] / (2.0 * step)

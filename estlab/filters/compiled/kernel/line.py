@@ -12,10 +12,8 @@ from estlab.maths.space import Array
 N: int
 M: int
 Q: int  # components of the process noise
-motion: Callable[[Array, Any, Array], None]  # of state and noise (n + q,)
-sensor: Callable[[Array, Any, Array], None]
-motion_slopes: Callable[[Array, Any, Array, Array], None]  # stated, or by differences
-sensor_slope: Callable[[Array, Any, Array], None]
+motion_tangent: Callable[[Array, Any, Array, Array, Array], None]  # value and slopes at state and noise (n + q,)
+sensor_tangent: Callable[[Array, Any, Array, Array], None]
 wrap_reading: Callable[[Array], None]
 
 
@@ -52,8 +50,7 @@ def predicted_state(x: Array, p: Array, given: Any, noise_cov: Array, points: An
         for b in range(N):
             space.cov[a, b] = p[a, b]
             p[a, b] = 0.0
-    motion_slopes(space.point, given, space.in_state, space.in_noise)
-    motion(space.point, given, x)
+    motion_tangent(space.point, given, x, space.in_state, space.in_noise)
     sandwich(space.in_state, space.cov, space.moved, p)
     sandwich(space.in_noise, noise_cov, space.noisy, p)
 
@@ -62,8 +59,7 @@ def predicted_state(x: Array, p: Array, given: Any, noise_cov: Array, points: An
 def predicted_reading(x: Array, p: Array, given: Any, noise_cov: Array, points: Any, space: Room, found: Any) -> None:
     """h(x), H P H' + R and P H' into the residual, cov and cross of ``found``."""
     slope, cross = space.slope, found.cross
-    sensor_slope(x, given, slope)
-    sensor(x, given, found.residual)
+    sensor_tangent(x, given, found.residual, slope)
     wrap_reading(found.residual)
     for c in range(N):
         for a in range(M):

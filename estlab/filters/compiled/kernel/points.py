@@ -17,7 +17,7 @@ Q: int  # components of the process noise
 AUGMENTED: bool  # whether the noises go through the models too; they are then given by factors of their covariances
 motion: Model  # of state and noise (n + q,)
 sensor: Model  # of the state, and if augmented of state and noise (n + m,)
-motion_slopes: Callable[[Array, Any, Array, Array], None]
+motion_tangent: Callable[[Array, Any, Array, Array, Array], None]  # value and slopes
 wrap_reading: Callable[[Array], None]
 
 
@@ -62,9 +62,10 @@ def predicted_state(x: Array, p: Array, given: Any, noise: Array, points: Any, s
     unit, weights, bonus = points[0], points[1], points[4]
     joint_factor(p, noise, space.of_motion)
     begin(x, space, p, space.no_cross)
-    motion(space.before, given, space.centre)
-    if not AUGMENTED:
-        motion_slopes(space.before, given, space.in_state, space.in_noise)
+    if AUGMENTED:
+        motion(space.before, given, space.centre)
+    else:
+        motion_tangent(space.before, given, space.centre, space.in_state, space.in_noise)
     for i in range(weights.size):
         go_to(i, x, space.of_motion, unit, space)
         motion(space.before, given, space.value)
