@@ -43,6 +43,7 @@ class Settings:
     keep_runs: int
     block_runs: int | None
     cores: int | None
+    engine: Literal["numpy", "numba"]
     smooth: bool
     verdict: Tolerance
     plots: bool

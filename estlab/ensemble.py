@@ -104,7 +104,10 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
 def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    return Loop(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+    kind = Loop
+    if settings.engine == "numba":
+        from estlab.filters.compiled.engine import CompiledLoop as kind  # noqa: N813
+    return kind(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
@@ -156,6 +159,7 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
     for name, filter in filters_of(settings, names).items():
         loop = loop_of(settings, filter, record.places)
         draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
+        loop.prepare(record, draws)
         began = time.perf_counter()
         found |= _found(loop, name, record, draws, tick, settings.smooth)
         seconds[name] = time.perf_counter() - began

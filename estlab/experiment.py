@@ -62,6 +62,10 @@ def check(settings: Settings, names: Names) -> None:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
             raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+        try:
+            loop.check_engine()
+        except ValueError as error:
+            raise UserError(f"engine={settings.engine} with {name}: {error}") from error
         if settings.smooth:
             try:
                 loop.check_smoother()

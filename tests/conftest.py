@@ -1,5 +1,6 @@
 """What all tests share: the shipped configuration as objects, the real data where it is, quiet randomness."""
 
+import os
 from pathlib import Path
 
 import hypothesis
@@ -47,6 +48,15 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the real recordings are not beside this checkout (../shared/data)")
     return SHARED
+
+
+@pytest.fixture(autouse=True, scope="session")
+def compiled_here(tmp_path_factory) -> None:
+    """Compiled filter loops are kept for the session, for all of its processes."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    os.environ["ESTLAB_CACHE"] = str(folder / "cache")
 
 
 def tallied(problem, record, estimates, numbers=None) -> Tally:

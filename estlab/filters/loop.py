@@ -38,6 +38,12 @@ class Loop:
                 "gate would refuse all of a time's readings for one; take scenario.update=sequential with it"
             )
 
+    def check_engine(self) -> None:
+        """Raise ValueError if what the loop runs on is not for this filter; NumPy is for all."""
+
+    def prepare(self, record: Record, draws: Draws) -> None:
+        """Do now what is to be done once, and is no part of a filter's cost; NumPy needs nothing."""
+
     def check_smoother(self) -> None:
         """Raise ValueError if there is no smoother for this filter and scheme."""
         if not isinstance(self.filter, GaussianFilter):

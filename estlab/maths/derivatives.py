@@ -7,7 +7,7 @@ import numpy as np
 from estlab.maths.space import Array, Space
 
 # The step that balances truncation, of order h^2, against rounding, of order eps / h.
-_RELATIVE_STEP = np.finfo(float).eps ** (1 / 3)
+RELATIVE_STEP = np.finfo(float).eps ** (1 / 3)
 _RELATIVE_STEP_2 = 2.0 * np.finfo(float).eps ** (1 / 4)  # the same for second differences
 
 
@@ -18,7 +18,7 @@ def jacobian(function: Callable[[Array], Array], at: Array, space: Space) -> Arr
     ``space``, so that a bearing on the other side of the cut does not make a slope of 2 pi / h.
     """
     n = at.shape[0]
-    step = _RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+    step = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
     offsets = np.zeros((n, n, *at.shape[1:]))
     offsets[range(n), range(n)] = step
     images = function(np.concatenate([at[:, None] + offsets, at[:, None] - offsets], axis=1))
