@@ -9,7 +9,7 @@ REPEATS = 5
 
 
 class Row(NamedTuple):
-    """A line of the table: what was timed, its reference, and the ratio with its smallest and largest of the repeats."""
+    """A line of the table: what was timed, its reference, and the ratio with its extremes over the repeats."""
 
     work: str
     seconds: float
@@ -57,8 +57,6 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
-def _row(
-    work: str, reference: str, pairs: list[tuple[float, float]], ratios: list[float], goal: str, met: bool
-) -> Row:
+def _row(work: str, reference: str, pairs: list[tuple[float, float]], ratios: list[float], goal: str, met: bool) -> Row:
     run, plain = (statistics.median(column) for column in zip(*pairs, strict=True))
     return Row(work, run, reference, plain, statistics.median(ratios), min(ratios), max(ratios), goal, met)
