@@ -116,8 +116,11 @@ def chi_square_band(freedom: Array) -> tuple[Array, Array]:
     from scipy.special import gammaincinv
 
     freedom = np.where(np.asarray(freedom) > 0, freedom, np.nan)
+    distinct, place = np.unique(freedom, return_inverse=True)  # few, along a recording of many steps
     tail = 0.5 * (1.0 - LEVEL)
-    lower, upper = (2.0 * gammaincinv(0.5 * freedom, p) / freedom for p in (tail, 1.0 - tail))
+    lower, upper = (
+        (2.0 * gammaincinv(0.5 * distinct, p) / distinct)[place.reshape(freedom.shape)] for p in (tail, 1.0 - tail)
+    )
     return lower, upper
 
 

@@ -69,12 +69,12 @@ def _numbers(column: Array, spelled: Spelled) -> list[str]:
     Spelling is what a table of many lines takes its time for, so equal neighbours are spelled once, and so are columns
     that differ in sign alone: both bounds of a band, an error and the root of its square.
     """
-    magnitude = np.abs(column)
+    magnitude = np.nan_to_num(np.abs(column), nan=-1.0, posinf=np.inf)
     key = column.dtype.char, magnitude.tobytes()
     if key not in spelled:
         new = np.append(True, magnitude[1:] != magnitude[:-1])[: magnitude.size]
-        texts = ["" if value != value else repr(value) for value in magnitude[new].tolist()]
-        spelled[key] = [texts[place] for place in (np.cumsum(new) - 1).tolist()]
+        texts = ["" if value < 0 else repr(value) for value in magnitude[new].tolist()]
+        spelled[key] = texts if new.all() else [texts[place] for place in (np.cumsum(new) - 1).tolist()]
     minus = np.signbit(column) & ~np.isnan(column)
     if not minus.any():
         return spelled[key]
