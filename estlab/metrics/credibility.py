@@ -4,7 +4,7 @@ import numpy as np
 
 from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array
-from estlab.metrics.intervals import LEVEL, Estimate
+from estlab.metrics.intervals import CONFIDENCE, Estimate
 
 _GROUPS = 20  # of the jackknife
 
@@ -28,7 +28,7 @@ def credibility(error: Array, nees: Array) -> tuple[Estimate, Estimate]:
     spread = np.sqrt((_GROUPS - 1) / _GROUPS * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
     from scipy.special import stdtrit
 
-    half = float(stdtrit(_GROUPS - 1, 0.5 + LEVEL / 2.0)) * spread
+    half = float(stdtrit(_GROUPS - 1, 0.5 + CONFIDENCE / 2.0)) * spread
     index, inclination = (
         Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), runs) for i in range(2)
     )
