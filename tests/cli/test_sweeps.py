@@ -12,11 +12,6 @@ from estlab.cli import main
 from tests.cli.sweeping import TINY, job_folders, rows, sweep, table
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def failing(monkeypatch):
     """Make the jobs of some seeds do something else."""

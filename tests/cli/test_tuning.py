@@ -22,11 +22,6 @@ SMALL = ["hydra/sweeper=optuna", "scenario=landmark", "filter=ekf", "runs=4", "s
 WORDS = [*SMALL, f"{Q}=tag(log,interval(0.2,5))", f"{R}=interval(0.2,5)", "sweep.trials=6"]
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def tune(*words: str, place: str = "tuned") -> int:
     return main(["sweep", *WORDS, "plots=false", f"sweep.dir={place}", *words])
 
