@@ -25,6 +25,7 @@ VERDICT = "verdict"
 _COUNTED = ("gated", "vanished")
 _ALL = "all"
 _SLACK = 1e-12
+_NAMED = 4  # metrics, where one is named that is like none of them
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,8 @@ def _remedy(expectation: Expectation, name: str, found: Mapping[str, Row], rows:
     if having:
         return f"{name} has none; name {' or '.join(having)}"
     metrics = list(dict.fromkeys(row["metric"] for row in rows[name]))
-    return _near(expectation.metric, metrics) or f"there are {', '.join(metrics)}"
+    more = f" and {len(metrics) - _NAMED} more in metrics.csv" if len(metrics) > _NAMED else ""
+    return _near(expectation.metric, metrics) or f"there are {', '.join(metrics[:_NAMED])}{more}"
 
 
 def _near(name: str, known: Sequence[str]) -> str:

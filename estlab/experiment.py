@@ -112,7 +112,9 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     if own:
         directory.write(f"{names.scenario}.csv", partial(tables.write_columns, own))
     compared = ensemble.total.comparison.rows(ensemble.cost())
-    _write_tables(settings, directory, ensemble, findings, bound)
+    by_file = _tables(ensemble, findings, bound)
+    for file, by_filter in by_file.items():
+        directory.write(file, partial(tables.write_csv, by_filter, settings.seed))
     if compared:
         directory.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
     if settings.plots:
@@ -120,7 +122,8 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
             # An ensemble of which nothing is left has pictures without a curve.
             warnings.simplefilter("ignore", RuntimeWarning)
             plots.draw_all(
-                directory.path,
+                by_file,
+                histories,
                 directory.write,
                 scenario.space,
                 title,
@@ -151,13 +154,13 @@ def _findings(settings: Settings, name: str, tally: Tally, bound: Array | None) 
     return Findings(metric_rows(tally, verdict, bound), tests, verdict)
 
 
-def _write_tables(
-    settings: Settings, directory: RunDirectory, ensemble: Ensemble, findings: dict[str, Findings], bound: Array | None
-) -> None:
-    """Every table that has lines of each filter."""
+def _tables(
+    ensemble: Ensemble, findings: dict[str, Findings], bound: Array | None
+) -> dict[str, Mapping[str, tables.Table]]:
+    """Every table that has lines of each filter, by file and filter."""
     tallies, kept = ensemble.total.tallies, ensemble.kept
     first = {name: (k["truth"][..., 0], k["mean"][..., 0], k["cov"][..., 0]) for name, k in kept.items()}
-    written: dict[str, Mapping[str, tables.Table]] = {
+    return {
         rundir.ERRORS: {name: series.errors(tally, first[name], bound) for name, tally in tallies.items()},
         rundir.NEES: {name: series.nees(tally) for name, tally in tallies.items()},
         rundir.NIS: {name: series.nis(tally) for name, tally in tallies.items()},
@@ -169,8 +172,6 @@ def _write_tables(
         rundir.RUNS: {name: ensemble.total.each_run.columns(name) for name in tallies},
         rundir.METRICS: _rows(findings),
     }
-    for file, by_filter in written.items():
-        directory.write(file, partial(tables.write_csv, by_filter, settings.seed))
 
 
 def _rows(findings: dict[str, Findings]) -> dict[str, list[dict[str, Any]]]:

@@ -9,7 +9,7 @@ REPEATS = 5
 
 
 class Row(NamedTuple):
-    """A line of the table: what was timed, its reference, the ratio with its smallest and largest of the repeats."""
+    """A line of the table: what was timed, its reference, and the ratio with its extremes over the repeats."""
 
     work: str
     seconds: float
@@ -37,9 +37,16 @@ def faster(
     return _row(work, reference, pairs, ratios, f"at least {goal:g} ×", ratio >= goal)
 
 
-def within(work: str, run: Callable[[], object], reference: str, plain: Callable[[], object], goal: float) -> Row:
-    """How many times the reference's time ``run`` takes. goal: the largest ratio."""
-    pairs = in_turn(run, plain)
+def within(
+    work: str,
+    run: Callable[[], object],
+    reference: str,
+    plain: Callable[[], object],
+    goal: float,
+    allowance: float = 0.0,
+) -> Row:
+    """How many times the reference's time ``run`` takes. goal: the largest ratio. allowance: seconds added to it."""
+    pairs = [(seconds, reference_seconds + allowance) for seconds, reference_seconds in in_turn(run, plain)]
     ratios = [seconds / reference_seconds for seconds, reference_seconds in pairs]
     ratio = statistics.median(ratios)
     return _row(work, reference, pairs, ratios, f"at most {goal:g} ×", ratio <= goal)

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.metrics.intervals import Estimate, holm, mean_interval, share_interval, t_test
+from estlab.metrics.intervals import LEVEL, Estimate, holm, mean_interval, share_interval, t_test
 from estlab.metrics.moments import Moments
 from estlab.metrics.scores import quietly
-
-LEVEL = 0.05
 
 
 @dataclass

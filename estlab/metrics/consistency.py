@@ -10,6 +10,7 @@ import numpy as np
 
 from estlab.maths.space import Array
 from estlab.metrics.intervals import (
+    LEVEL,
     Estimate,
     chi_square_band,
     chi_square_test,
@@ -24,7 +25,6 @@ from estlab.metrics.moments import Moments
 from estlab.metrics.scores import LAGS
 from estlab.metrics.tally import Tally
 
-LEVEL = 0.05
 _FEWEST = 5  # runs for a test over runs
 _LAWFUL = 0.95  # share of the steps at which a sampled covariance must have a law
 _SINGLE_LAGS = 20

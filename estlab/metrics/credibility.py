@@ -4,7 +4,7 @@ import numpy as np
 
 from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array
-from estlab.metrics.intervals import LEVEL, Estimate
+from estlab.metrics.intervals import CONFIDENCE, Estimate
 
 _GROUPS = 20  # of the jackknife
 
@@ -22,31 +22,44 @@ def credibility(error: Array, nees: Array) -> tuple[Estimate, Estimate]:
     nothing = Estimate(np.nan, np.nan, np.nan, runs)
     if runs < max(5 * n, _GROUPS):
         return nothing, nothing
-    groups = np.arange(runs) % _GROUPS
-    whole = _indices(error, nees)
+    whole, left_out = _indices(error, nees)
     if not np.isfinite(whole).all():
         return nothing, nothing
-    left_out = np.stack([_indices(error[..., groups != g], nees[:, groups != g]) for g in range(_GROUPS)])
     spread = np.sqrt((_GROUPS - 1) / _GROUPS * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
     from scipy.special import stdtrit
 
-    half = float(stdtrit(_GROUPS - 1, 0.5 + LEVEL / 2.0)) * spread
+    half = float(stdtrit(_GROUPS - 1, 0.5 + CONFIDENCE / 2.0)) * spread
     index, inclination = (
         Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), runs) for i in range(2)
     )
     return index._replace(low=max(index.low, 0.0)), inclination
 
 
-def _indices(error: Array, nees: Array) -> Array:
-    """Both indices, over the runs and times that have both quadratic forms."""
+def _indices(error: Array, nees: Array) -> tuple[Array, Array]:
+    """Both indices, and both without each of the groups of runs; over runs and times that have both quadratic forms."""
+    known = np.isfinite(nees) & np.isfinite(error).all(axis=0) & (nees > 0.0)
+    off = np.where(known, error, 0.0)
+    groups = [slice(group, None, _GROUPS) for group in range(_GROUPS)]
+    counts = np.stack([known[:, group].sum(axis=1) for group in groups])
+    squares = np.stack([np.einsum("itr,jtr->ijt", off[..., group], off[..., group]) for group in groups])
+    level = np.log(np.where(known, nees, 1.0))
+    whole = _index(off, known, level, counts.sum(axis=0), squares.sum(axis=0))
+    left_out = []
+    for g, group in enumerate(groups):
+        # Added up anew: taking one from all would lose the others beside a group of which a run lost its way.
+        count, square = (np.delete(sums, g, axis=0).sum(axis=0) for sums in (counts, squares))
+        others = known.copy()
+        others[:, group] = False
+        left_out.append(_index(off, others, level, count, square))
+    return whole, np.stack(left_out)
+
+
+def _index(off: Array, known: Array, level: Array, count: Array, square: Array) -> Array:
+    """Both indices of what is known of errors (n, T, runs) and their log NEES (T, runs), from sums of squares."""
     from scipy.special import digamma
 
-    n = error.shape[0]
-    known = np.isfinite(nees) & np.isfinite(error).all(axis=0) & (nees > 0.0)
-    count = known.sum(axis=1)
-    off = np.where(known, error, 0.0)
-    square = np.einsum("itr,jtr->ijt", off, off) / np.maximum(count, 1)
-    factor = cholesky(square)
+    n = off.shape[0]
+    factor = cholesky(square / np.maximum(count, 1))
     scaled = solve_lower(factor[..., None], off[:, None])[:, 0]
     actual = np.einsum("i...,i...->...", scaled, scaled)
     usable = known & (actual > 0.0) & (count > n + 1)[:, None]
@@ -54,6 +67,6 @@ def _indices(error: Array, nees: Array) -> Array:
         return np.full(2, np.nan)
     # E log of a chi-square less that of the beta variable: what is left for a matrix known exactly is log 2 + psi(n/2).
     allowance = np.log(2.0) + digamma(0.5 * count) - np.log(np.maximum(count, 1))
-    ratio = np.log(np.where(usable, nees, 1.0) / np.where(usable, actual, 1.0)) - allowance[:, None]
-    ratio = 10.0 / np.log(10.0) * ratio[usable]
-    return np.array([np.abs(ratio).mean(), ratio.mean()])
+    ratio = level - np.log(np.where(usable, actual, 1.0)) - allowance[:, None]
+    ratio = 10.0 / np.log(10.0) * np.where(usable, ratio, 0.0)
+    return np.array([np.abs(ratio).sum(), ratio.sum()]) / usable.sum()

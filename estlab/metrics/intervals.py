@@ -7,7 +7,8 @@ import numpy as np
 from estlab.maths.space import Array
 from estlab.metrics.moments import Moments
 
-LEVEL = 0.95
+CONFIDENCE = 0.95  # of an interval or a band
+LEVEL = 0.05  # of a test: its share of false alarms
 
 
 class Estimate(NamedTuple):
@@ -84,7 +85,7 @@ def share_interval(share: float, n: float) -> Estimate:
 
     if not n > 0.0:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    z2 = float(ndtri(0.5 + LEVEL / 2.0)) ** 2
+    z2 = float(ndtri(0.5 + CONFIDENCE / 2.0)) ** 2
     middle = (share + z2 / (2 * n)) / (1 + z2 / n)
     half = np.sqrt(z2 * (share * (1 - share) / n + z2 / (4 * n * n))) / (1 + z2 / n)
     return Estimate(share, min(middle - half, share), max(middle + half, share), round(n))
@@ -103,7 +104,7 @@ def time_share_interval(moments: Moments) -> Estimate:
     share = min(max(mean, 0.0), 1.0)  # a sum of shares of time may be one and a last bit
     trials = float(n)
     if n > 1 and error > 1e-12:
-        trials = share * (1.0 - share) / error**2 * (float(ndtri(0.5 + LEVEL / 2.0)) / _t_quantile(n)) ** 2
+        trials = share * (1.0 - share) / error**2 * (float(ndtri(0.5 + CONFIDENCE / 2.0)) / _t_quantile(n)) ** 2
     found = share_interval(share, trials if n > 1 else 0)
     return Estimate(share if n else np.nan, found.low, found.high, n)
 
@@ -116,8 +117,11 @@ def chi_square_band(freedom: Array) -> tuple[Array, Array]:
     from scipy.special import gammaincinv
 
     freedom = np.where(np.asarray(freedom) > 0, freedom, np.nan)
-    tail = 0.5 * (1.0 - LEVEL)
-    lower, upper = (2.0 * gammaincinv(0.5 * freedom, p) / freedom for p in (tail, 1.0 - tail))
+    distinct, place = np.unique(freedom, return_inverse=True)  # few, along a recording of many steps
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    lower, upper = (
+        (2.0 * gammaincinv(0.5 * distinct, p) / distinct)[place.reshape(freedom.shape)] for p in (tail, 1.0 - tail)
+    )
     return lower, upper
 
 
@@ -152,7 +156,7 @@ def _parts(moments: Moments) -> tuple[float, float, int]:
 def _t_quantile(n: int, among: int = 1) -> float:
     from scipy.special import stdtrit
 
-    return float(stdtrit(n - 1, 1.0 - (1.0 - LEVEL) / (2.0 * among))) if n > 1 else np.nan
+    return float(stdtrit(n - 1, 1.0 - (1.0 - CONFIDENCE) / (2.0 * among))) if n > 1 else np.nan
 
 
 def _t_tail(t: float, n: int) -> float:

@@ -13,14 +13,15 @@ LEAST_EFFECTIVE = 100
 
 
 class Law(NamedTuple):
-    """Mean and variance of the NEES of a consistent filter, and the probability of less than what was found.
+    """Mean and variance of the NEES of a consistent filter, and whether what was found is as likely as an error.
 
-    Arrays (T, runs) or broadcasting to it; NaN where there is no such law.
+    mean, variance: (T, runs) or broadcasting to it; NaN where there is no such law. inside: (3, T, runs), whether the
+    NEES is below what it is below with the probability that a Gaussian number lies within 1, 2, 3 standard deviations.
     """
 
     mean: Array
     variance: Array
-    below: Array
+    inside: Array
 
 
 def nees_law(nees: Array, n: int, sample: Array | None) -> Law:
@@ -32,16 +33,18 @@ def nees_law(nees: Array, n: int, sample: Array | None) -> Law:
     2003, section 5.2.2. Its mean and variance exist for N > n + 4. A weighted sample stands for as many states as its
     effective size, which is only so for large ones. Smaller samples have no law here.
     """
-    from scipy.special import chdtr, fdtr
+    from scipy.special import chdtri, fdtr
 
+    shares = np.array([within(sigmas) for sigmas in SIGMAS])[:, None, None]
     if sample is None:
-        return Law(np.array(float(n)), np.array(2.0 * n), chdtr(n, nees))
+        # Three quantiles instead of a probability for every NEES.
+        return Law(np.array(float(n)), np.array(2.0 * n), nees <= chdtri(n, 1.0 - shares))
     size, scale = sample
     size = np.where((size > n + 4) & ((scale == 1.0) | (size >= LEAST_EFFECTIVE)), size, np.nan)
     free = size - n
     unit = (1.0 + 1.0 / size) * n * (size - 1.0) / free / scale
     variance = 2.0 * free**2 * (n + free - 2.0) / (n * (free - 2.0) ** 2 * (free - 4.0))
-    return Law(unit * free / (free - 2.0), unit**2 * variance, fdtr(n, free, nees / unit))
+    return Law(unit * free / (free - 2.0), unit**2 * variance, fdtr(n, free, nees / unit) <= shares)
 
 
 def nis_mean(m: Array, gate: float | None) -> Array:

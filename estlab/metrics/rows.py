@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.consistency import LEVEL, Test, component_biases
+from estlab.metrics.consistency import Test, component_biases
 from estlab.metrics.credibility import credibility
 from estlab.metrics.intervals import (
+    LEVEL,
     Estimate,
     mean_interval,
     positive_interval,

@@ -1,12 +1,13 @@
 """One block of runs scored: errors, normalised errors and innovations, and which runs were lost."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from estlab.maths.linalg import cholesky, solve_lower
 from estlab.maths.space import Array, Space
-from estlab.metrics.laws import SIGMAS, nees_law, nis_mean, within
+from estlab.metrics.laws import SIGMAS, nees_law, nis_mean
 from estlab.record import Estimates, Record
 
 LAGS = 5  # of the innovations' correlation
@@ -29,8 +30,9 @@ class Scores:
     """Of a filter over a block; only what is finite is scored.
 
     error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance. nees, with its
-    law's mean, variance and below: (T, runs). nis, nis_mean, measured: (T, runs), summed over the step's readings,
-    its law's mean, and how many numbers those were. distance: (T, runs) of the position, None where there is none.
+    law's mean and variance: (T, runs), and inside: (3, T, runs). nis, nis_mean, measured: (T, runs), summed over the
+    step's readings, its law's mean, and how many numbers those were. distance: (T, runs) of the position, None where
+    there is none.
     whitened: (m, N, runs). log_likelihood: (runs,) of all innovations used. not_finite, not_definite, lost: (runs,), no
     run in more than one.
     """
@@ -41,7 +43,7 @@ class Scores:
     nees: Array
     nees_mean: Array
     nees_variance: Array
-    nees_below: Array
+    nees_inside: Array
     nis: Array
     nis_mean: Array
     measured: Array
@@ -52,7 +54,7 @@ class Scores:
     not_definite: Array
     lost: Array
 
-    @property
+    @cached_property
     def scored(self) -> Array:
         """(n, T, runs) which errors count."""
         return np.isfinite(self.error) & np.isfinite(self.sigma)
@@ -65,10 +67,6 @@ class Scores:
     def inside(self, sigmas: int) -> Array:
         """(n, T, runs) whether each error is within so many standard deviations."""
         return self.scored & (np.abs(self.error) <= sigmas * self.sigma)
-
-    def inside_jointly(self, sigmas: int) -> Array:
-        """(T, runs) whether the NEES lies where its law has the probability of so many standard deviations."""
-        return np.asarray(self.nees_below <= within(sigmas))
 
 
 @quietly
@@ -97,7 +95,7 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
         nees=nees,
         nees_mean=np.broadcast_to(law.mean, nees.shape),
         nees_variance=np.broadcast_to(law.variance, nees.shape),
-        nees_below=law.below,
+        nees_inside=law.inside,
         nis=nis,
         nis_mean=expected,
         measured=measured,
@@ -149,8 +147,9 @@ def correlations(whitened: Array, lags: int) -> Array:
 
 def shares_inside(scores: Scores) -> tuple[Array, Array]:
     """Which errors are within 1, 2, 3 sigma, and which count at all; (3, n + 1, T, runs), the last all jointly."""
-    inside = np.stack([np.concatenate([scores.inside(k), scores.inside_jointly(k)[None]]) for k in SIGMAS])
-    counted = np.concatenate([scores.scored, np.isfinite(scores.nees_below)[None]])
+    inside = np.stack([np.concatenate([scores.inside(k), scores.nees_inside[i][None]]) for i, k in enumerate(SIGMAS)])
+    lawful = ~np.isnan(scores.nees) & np.isfinite(scores.nees_mean)
+    counted = np.concatenate([scores.scored, lawful[None]])
     return inside, np.broadcast_to(counted, inside.shape)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.intervals import LEVEL, chi_square_band
+from estlab.metrics.intervals import CONFIDENCE, chi_square_band
 from estlab.metrics.rows import Columns
 from estlab.metrics.scores import quietly
 from estlab.metrics.tally import Tally
@@ -116,7 +116,7 @@ def _stretch(tally: Tally) -> Array:
         count = np.full(count.shape, np.nan)
     mean = tally.sums["square"] / count
     variance = np.maximum(tally.sums["quartic"] / count - mean**2, 0.0) * count / (count - 1)
-    half = stdtrit(count - 1, 0.5 + LEVEL / 2.0) * np.sqrt(variance / count) / np.where(mean > 0.0, mean, np.nan)
+    half = stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance / count) / np.where(mean > 0.0, mean, np.nan)
     return np.exp(0.5 * np.minimum(half, 50.0))
 
 

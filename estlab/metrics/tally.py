@@ -150,12 +150,12 @@ class Tally:
     def _sum(self, scores: Scores, estimates: Estimates) -> None:
         scored = scores.scored
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
-        squares = _total(scores.error**2, scored, -1)
+        squares = scores.error**2
         self.sums = {
             "scored": scored.sum(axis=-1),
             "error": _total(scores.error, scored, -1),
-            "square": squares,
-            "quartic": _total(scores.error**4, scored, -1),
+            "square": _total(squares, scored, -1),
+            "quartic": _total(squares**2, scored, -1),
             "sigma": _total(scores.sigma, scored, -1),
             "inside": scores.inside(3).sum(axis=-1),
             "nees": _total(scores.nees, np.isfinite(scores.nees), -1),

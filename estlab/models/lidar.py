@@ -18,9 +18,8 @@ def cast(state: Array, step: float = STEP) -> tuple[Array, Array]:
     start = np.ceil(first / step).astype(int)
     count = np.maximum(np.floor(last / step).astype(int) - start + 1, 0)
     owner = np.repeat(np.arange(state.shape[1]), count)
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    bearing = (start[owner] + within) * step
-    distance = _nearest_hit(state[:, owner], bearing)
+    bearing = (np.arange(owner.size) + np.repeat(start - np.cumsum(count) + count, count)) * step
+    distance = _nearest_hit(_slabs(state)[:, owner], bearing)
     hit = np.isfinite(distance)
     return np.stack([distance, wrap(bearing)])[:, hit], owner[hit]
 
@@ -33,7 +32,8 @@ def measure_frames(points: Array, owner: Array, frames: int) -> Array:
     measured = np.full((3, frames), np.nan)
     if owner.size == 0:
         return measured
-    present, begin = np.unique(owner, return_index=True)
+    begin = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+    present = owner[begin]
     # Bearings about the frame's first point, so that a frame across the cut at pi keeps its order.
     about = np.repeat(points[1, begin], np.diff(np.append(begin, owner.size)))
     turned = wrap(points[1] - about)
@@ -43,20 +43,20 @@ def measure_frames(points: Array, owner: Array, frames: int) -> Array:
     return measured
 
 
-def _nearest_hit(state: Array, bearing: Array) -> Array:
-    """Distance along each ray to the first edge by the slab method, NaN where the ray misses. Kay and Kajiya 1986."""
+def _slabs(state: Array) -> Array:
+    """Heading, and from the origin to rear, front, right and left edge in the car's frame; (5, B)."""
     x, y, _, heading, length, width = state
     cos, sin = np.cos(heading), np.sin(heading)
-    # The origin and the ray in the car's frame.
     along, across = -(x * cos + y * sin), x * sin - y * cos
+    return np.stack([heading, 0.0 - along, length - along, -0.5 * width - across, 0.5 * width - across])
+
+
+def _nearest_hit(slabs: Array, bearing: Array) -> Array:
+    """Distance along each ray to the first edge by the slab method, NaN where the ray misses. Kay and Kajiya 1986."""
+    heading, rear, front, right, left = slabs
     ray_along, ray_across = np.cos(bearing - heading), np.sin(bearing - heading)
     with np.errstate(divide="ignore", invalid="ignore"):
-        near_a, far_a = _slab(along, ray_along, 0.0, length)
-        near_b, far_b = _slab(across, ray_across, -0.5 * width, 0.5 * width)
-    enter, leave = np.maximum(near_a, near_b), np.minimum(far_a, far_b)
+        rear, front, right, left = rear / ray_along, front / ray_along, right / ray_across, left / ray_across
+    enter = np.maximum(np.minimum(rear, front), np.minimum(right, left))
+    leave = np.minimum(np.maximum(rear, front), np.maximum(right, left))
     return np.where((enter <= leave) & (enter > 0.0), enter, np.nan)
-
-
-def _slab(origin: Array, ray: Array, low: Array | float, high: Array | float) -> tuple[Array, Array]:
-    one, other = (low - origin) / ray, (high - origin) / ray
-    return np.minimum(one, other), np.maximum(one, other)

@@ -12,7 +12,7 @@ from estlab import rundir
 from estlab.archive.finished import table
 from estlab.archive.rows import Row
 from estlab.errors import UserError, printable
-from estlab.report.plots import broken_at_gaps, legend_below, logarithmic, new_figure
+from estlab.report.figures import broken_at_gaps, legend_below, logarithmic, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,7 +89,7 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
         _line(axes, one.nees, "anees", style, colour, one.label)
     bands = [one.nees[["time", "lower", "upper"]].reset_index(drop=True) for one in curves]
     alike = all(band.equals(bands[0]) for band in bands)
-    band = broken_at_gaps(bands[0])
+    band = broken_at_gaps({name: bands[0][name].to_numpy() for name in ("time", "lower", "upper")})
     label = "95 % of a consistent filter" + ("" if alike else f", row {curves[0].label.split()[0]}")
     axes.fill_between(band["time"], band["lower"], band["upper"], color="0.6", alpha=0.35, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
@@ -98,10 +98,12 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
-    lines = broken_at_gaps(lines)
+    shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
     # A dollar would begin a formula.
     said = textwrap.shorten(printable(label).replace("$", r"\$"), 90, placeholder=" …")
-    axes.plot(lines["time"], lines[column].where(lines[column] > 0.0), style, color=colour, lw=1.1, label=said)
+    axes.plot(
+        shown["time"], np.where(shown[column] > 0.0, shown[column], np.nan), style, color=colour, lw=1.1, label=said
+    )
 
 
 def _scale(axes: "Axes") -> None:

@@ -1,8 +1,6 @@
-"""The pictures of a run, drawn from its directory."""
+"""The pictures of a run."""
 
-import textwrap
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,80 +8,83 @@ import numpy as np
 from estlab import rundir
 from estlab.maths.gaussian import ellipses
 from estlab.maths.space import Array, Space
+from estlab.report.figures import (
+    WIDTH,
+    Save,
+    broken_at_gaps,
+    headed,
+    legend_below,
+    logarithmic,
+    new_figure,
+    save_png,
+    telling,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 _TRUTH, _ESTIMATE, _BAND, _ENSEMBLE = "black", "C0", "C3", "C2"
 _COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7")  # of several filters; red is the bands'
-_WIDTH = 9.0  # inches
 _MANY = 20  # runs from which their distribution has a shape
 _DENSE = 1500  # steps from which a line would be a smear
 
-Save = Callable[[str, Callable[[Any], object]], object]
 Draw = Callable[["Axes", str], None]
 Pictures = Callable[[], "dict[str, Figure]"]
+Columns = Mapping[str, Array]
+Rows = Sequence[Mapping[str, Any]]
 
 
 def draw_all(
-    directory: Path, save: Save, space: Space, title: str, runs: range, draw: Draw, pictures: Pictures
+    tables: Mapping[str, Mapping[str, Any]],
+    arrays: dict[str, Array],
+    save: Save,
+    space: Space,
+    title: str,
+    runs: range,
+    draw: Draw,
+    pictures: Pictures,
 ) -> None:
-    """Draw every picture of a run directory and hand each to ``save`` by its name.
+    """Draw every picture of a run and hand each to ``save`` by its name.
 
-    draw: adds the problem's own things to the trajectory, for a filter's name. pictures: the problem's own figures.
+    tables: what is written of each filter, by file. arrays: those of estimates.npz. draw: adds the problem's own
+    things to the trajectory, for a filter's name. pictures: the problem's own figures.
     """
-    import pandas as pd
-
-    errors = pd.read_csv(directory / rundir.ERRORS)
-    if errors["time"].nunique() > 1:
-        _save(save, "errors.png", draw_errors(errors, space, title, runs))
-        for name, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
-            table = pd.read_csv(directory / name)
-            if table[column].notna().any():
-                _save(save, f"{column[1:]}.png", draw_consistency(table, column, what, title, runs))
-        notes = pd.read_csv(directory / rundir.NOTES)
-        if (notes["note"] == "ess").any():
-            _save(save, "ess.png", draw_ess(notes[notes["note"] == "ess"], title, runs))
+    errors = tables[rundir.ERRORS]
+    if next(iter(errors.values()))["time"].size > space.size:
+        save_png(save, "errors.png", draw_errors(errors, space, title, runs))
+        for file, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
+            if any(np.isfinite(columns[column]).any() for columns in tables[file].values()):
+                save_png(save, f"{column[1:]}.png", draw_consistency(tables[file], column, what, title, runs))
+        sizes = {name: _noted(notes, "ess") for name, notes in tables[rundir.NOTES].items() if "ess" in notes["note"]}
+        if sizes:
+            save_png(save, "ess.png", draw_ess(sizes, title, runs))
         if len(runs) >= _MANY:
-            _save(save, "distribution.png", draw_distribution(pd.read_csv(directory / rundir.HISTOGRAMS), space, title))
+            save_png(save, "distribution.png", draw_distribution(tables[rundir.HISTOGRAMS], space, title))
         if space.position:
-            with np.load(directory / rundir.ESTIMATES) as arrays:
-                filters = list(dict.fromkeys(errors["filter"]))
-                _save(save, "trajectory.png", draw_trajectory(dict(arrays), filters, space, title, draw))
+            save_png(save, "trajectory.png", draw_trajectory(arrays, list(errors), space, title, draw))
     for name, figure in pictures().items():
-        _save(save, name, figure)
+        save_png(save, name, figure)
 
 
-def draw_errors(errors: "DataFrame", space: Space, title: str, runs: range) -> "Figure":
+def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":
     """One panel a component: the first run's error and +-3 sigma, the bound, for one filter the ensemble's RMSE."""
     figure, panels = new_figure(space.size, title, 1.7)
-    dense = errors["time"].nunique() > _DENSE
-    by_filter = list(errors.groupby("filter", sort=False))
-    alone = len(by_filter) == 1
-    held = errors[errors["filter"].isin(_held(errors))]
-    for axes, name, unit in zip(panels, space.names, space.units, strict=True):
-        for (filter, rows_of_filter), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
-            rows = rows_of_filter[rows_of_filter["component"] == name]
-            band = _BAND if alone else colour
-            of = f"run {runs[0]}" if alone else f"{filter}, run {runs[0]}"
-            alpha = (0.35 if dense else 0.15) if alone else 0.08
-            label = f"±3 sigma, {of}" if alone else None
-            axes.fill_between(rows["time"], rows["lower3"], rows["upper3"], color=band, alpha=alpha, lw=0, label=label)
-            if not dense:
-                axes.plot(rows["time"], rows[["lower3", "upper3"]], color=band, lw=0.8, ls="-" if alone else ":")
-            what = "error" if errors["truth"].notna().any() else "truth not known"
-            axes.plot(rows["time"], rows["error"], color=colour, lw=0.7 if dense else 1.0, label=f"{what}, {of}")
+    alone = len(errors) == 1
+    held = _held(errors)
+    for i, axes in enumerate(panels):
+        of_component = {name: {k: c[i :: space.size] for k, c in columns.items()} for name, columns in errors.items()}
+        for (name, columns), colour in zip(of_component.items(), _colours(len(errors)), strict=True):
+            of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
+            _draw_error(axes, columns, colour, of, alone)
             if alone and len(runs) > 1:
                 label = f"RMSE of {len(runs)} runs"
-                axes.plot(rows["time"], rows["rmse"], color=_ENSEMBLE, lw=1.2, ls="--", label=label)
-        bound = by_filter[0][1].loc[by_filter[0][1]["component"] == name, ["time", "bound"]]
-        if bound["bound"].notna().any():
-            axes.plot(bound["time"], bound["bound"], color=_TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
-        _limit(axes, held[held["component"] == name])
-        axes.set_ylabel(f"{name} [{unit}]")
+                _line(axes, columns, "rmse", color=_ENSEMBLE, lw=1.2, ls="--", label=label)
+        first = next(iter(of_component.values()))
+        if np.isfinite(first["bound"]).any():
+            _line(axes, first, "bound", color=_TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
+        _limit(axes, [of_component[name] for name in held])
+        axes.set_ylabel(f"{space.names[i]} [{space.units[i]}]")
     if not alone:
         panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
     panels[-1].set_xlabel("time [s]")
@@ -91,30 +92,49 @@ def draw_errors(errors: "DataFrame", space: Space, title: str, runs: range) -> "
     return figure
 
 
-def draw_consistency(table: "DataFrame", column: str, what: str, title: str, runs: range) -> "Figure":
+def _draw_error(axes: "Axes", columns: Columns, colour: str, of: str, alone: bool) -> None:
+    """A run's error in a component, and +-3 sigma about zero."""
+    dense = columns["time"].size > _DENSE
+    band = _BAND if alone else colour
+    shown = telling(columns["upper3"])
+    axes.fill_between(
+        columns["time"][shown],
+        columns["lower3"][shown],
+        columns["upper3"][shown],
+        color=band,
+        alpha=(0.35 if dense else 0.15) if alone else 0.08,
+        lw=0,
+        label=f"±3 sigma, {of}" if alone else None,
+    )
+    if not dense:
+        for key in ("lower3", "upper3"):
+            axes.plot(columns["time"], columns[key], color=band, lw=0.8, ls="-" if alone else ":")
+    what = "error" if np.isfinite(columns["truth"]).any() else "truth not known"
+    _line(axes, columns, "error", color=colour, lw=0.7 if dense else 1.0, label=f"{what}, {of}")
+
+
+def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, title: str, runs: range) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = new_figure(1, title, 3.6)
-    by_filter = list(table.groupby("filter", sort=False))
-    dense = len(runs) == 1 and len(table) > 600 * len(by_filter)
-    mean = "" if len(runs) == 1 else f", mean of {int(table['runs_scored'].max())} runs"
-    for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
-        label = what + mean if len(by_filter) == 1 else f"{filter}{mean}"
-        rows = broken_at_gaps(rows)
-        axes.plot(rows["time"], rows[column], "." if dense else "-", ms=2, color=colour, lw=1.0, label=label)
-    first = broken_at_gaps(by_filter[0][1])
-    axes.fill_between(
-        first["time"],
-        first["lower"],
-        first["upper"],
-        color=_ENSEMBLE,
-        alpha=0.25,
-        lw=0,
-        label="95 % of a consistent filter" + ("" if len(by_filter) == 1 else f", for {table['filter'].iloc[0]}"),
-    )
+    colours = dict(zip(by_filter, _colours(len(by_filter)), strict=True))
+    shown = {name: columns for name, columns in by_filter.items() if columns["time"].size}
+    whole = {key: _all(shown, key) for key in (column, "lower", "upper", "runs_scored")}
+    dense = len(runs) == 1 and whole[column].size > 600 * len(shown)
+    mean = "" if len(runs) == 1 else f", mean of {int(whole['runs_scored'].max())} runs"
+    first = next(iter(shown))
+    for name, columns in shown.items():
+        label = what + mean if len(shown) == 1 else f"{name}{mean}"
+        broken = broken_at_gaps({key: columns[key] for key in ("time", column)})
+        style = "." if dense else "-"
+        axes.plot(broken["time"], broken[column], style, ms=2, color=colours[name], lw=1.0, label=label)
+    band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
+    label = "95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}")
+    axes.fill_between(band["time"], band["lower"], band["upper"], color=_ENSEMBLE, alpha=0.25, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
-    positive = table[column][table[column] > 0.0]
-    low = min(0.5 * float(table["lower"].min()), 0.8 * float(np.nanquantile(positive, 0.005 if dense else 0.0)))
-    high = max(2.0 * float(table["upper"].max()), 1.25 * float(np.nanquantile(positive, 0.995 if dense else 1.0)))
+    positive = whole[column][whole[column] > 0.0]
+    tail = 0.005 if dense else 0.0
+    low = min(0.5 * float(np.nanmin(whole["lower"])), 0.8 * float(np.nanquantile(positive, tail)))
+    high = max(2.0 * float(np.nanmax(whole["upper"])), 1.25 * float(np.nanquantile(positive, 1.0 - tail)))
     low, high = max(low, 1e-4), min(high, 1e8)
     axes.set_yscale("log")
     axes.set_ylim(low, high)
@@ -125,12 +145,11 @@ def draw_consistency(table: "DataFrame", column: str, what: str, title: str, run
     return figure
 
 
-def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
+def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
     """The effective sample size over time."""
     figure, (axes,) = new_figure(1, title, 3.0)
-    by_filter = list(notes.groupby("filter", sort=False))
-    for (filter, rows), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
-        axes.plot(rows["time"], rows["mean"], color=colour, lw=1.0, label=f"{filter}, mean of {len(runs)} runs")
+    for (name, columns), colour in zip(notes.items(), _colours(len(notes)), strict=True):
+        _line(axes, columns, "mean", color=colour, lw=1.0, label=f"{name}, mean of {len(runs)} runs")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("effective sample size [particles]")
     axes.set_xlabel("time [s]")
@@ -138,30 +157,36 @@ def draw_ess(notes: "DataFrame", title: str, runs: range) -> "Figure":
     return figure
 
 
-def draw_distribution(histograms: "DataFrame", space: Space, title: str) -> "Figure":
+def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -> "Figure":
     """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
     from matplotlib.ticker import MaxNLocator
 
-    chosen = "position" if (histograms["component"] == "position").any() else histograms["component"].iloc[0]
-    unit = space.units[space.position[0] if chosen == "position" else space.names.index(chosen)]
+    chosen = "position" if space.position else space.names[0]
+    unit = space.units[space.position[0] if space.position else 0]
     figure, axes = new_figure(1, title, 3.6, columns=2)
     for panel, metric, component, what in (
         (axes[0], "rmse", chosen, f"RMSE of a run, {chosen} [{unit}]"),
         (axes[1], "anees", "all", "NEES / n of a run"),
     ):
-        rows = histograms[(histograms["metric"] == metric) & (histograms["component"] == component)]
-        by_filter = list(rows.groupby("filter", sort=False))
-        for (filter, mine), colour in zip(by_filter, _colours(len(by_filter)), strict=True):
+        bins = {
+            name: [row for row in rows if (row["metric"], row["component"]) == (metric, component)]
+            for name, rows in by_filter.items()
+        }
+        for (name, mine), colour in zip(bins.items(), _colours(len(bins)), strict=True):
+            if not mine:
+                continue
             # A line at zero wherever bins without runs were left out.
-            edges = np.unique(np.concatenate([mine["low"], mine["high"]]))
-            heights = mine.set_index("low")["runs"].reindex(edges[:-1], fill_value=0).to_numpy()
-            panel.stairs(heights, edges, color=colour, lw=1.3, label=filter, fill=len(by_filter) == 1, alpha=0.9)
+            counts = {row["low"]: row["runs"] for row in mine}
+            edges = np.unique([edge for row in mine for edge in (row["low"], row["high"])])
+            heights = [counts.get(edge, 0) for edge in edges[:-1]]
+            panel.stairs(heights, edges, color=colour, lw=1.3, label=name, fill=len(bins) == 1, alpha=0.9)
         panel.set_xscale("log")
-        logarithmic(panel.xaxis, rows["low"].min(), rows["high"].max())
+        lows, highs = ([row[key] for rows in bins.values() for row in rows] for key in ("low", "high"))
+        logarithmic(panel.xaxis, min(lows, default=np.nan), max(highs, default=np.nan))
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")
-    if histograms["filter"].nunique() > 1:
+    if len(by_filter) > 1:
         legend_below(figure, axes[0])
     return figure
 
@@ -199,76 +224,49 @@ def draw_trajectory(arrays: dict[str, Array], filters: list[str], space: Space, 
     margin = 0.08 * max(wide, high)
     axes.set_xlim(left - margin, right + margin)
     axes.set_ylim(low - margin, top + margin)
-    figure.set_size_inches(_WIDTH, 1.6 + _WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
+    figure.set_size_inches(WIDTH, 1.6 + WIDTH * float(np.clip(1.1 * high / max(wide, 1e-9), 0.35, 1.0)))
     axes.set_aspect("equal")
     axes.set_xlabel(f"{space.names[at[0]]} [{space.units[at[0]]}]")
     axes.set_ylabel(f"{space.names[at[1]]} [{space.units[at[1]]}]")
     axes.grid(alpha=0.3)
-    _title(figure, f"{title} · run {arrays['run'][0]}")
+    headed(figure, f"{title} · run {arrays['run'][0]}")
     legend_below(figure, axes)
     return figure
-
-
-def new_figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(_WIDTH, height * rows + 1.0), layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
-    for axes in panels:
-        axes.grid(alpha=0.3)
-    _title(figure, title)
-    return figure, list(panels)
 
 
 def _colours(count: int) -> list[str]:
     return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
 
 
-def legend_below(figure: "Figure", axes: "Axes") -> None:
-    """A legend under the panels, in as many columns as its longest entry leaves room for."""
-    handles, labels = axes.get_legend_handles_labels()
-    columns = max(1, int(14.0 * _WIDTH / (max(map(len, labels), default=1) + 8)))
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 5), frameon=False, fontsize="small")
+def _line(axes: "Axes", columns: Columns, key: str, **style: Any) -> None:
+    """A column over time, by as many points as can be seen."""
+    shown = telling(columns[key])
+    axes.plot(columns["time"][shown], columns[key][shown], **style)
 
 
-def _title(figure: "Figure", title: str) -> None:
-    figure.suptitle(textwrap.fill(title, 90), fontsize="large")
+def _all(by_filter: Mapping[str, Columns], key: str) -> Array:
+    """A column of all filters."""
+    return np.concatenate([columns[key] for columns in by_filter.values()])
 
 
-def broken_at_gaps(rows: "DataFrame") -> "DataFrame":
-    """Rows with an empty one wherever time jumps by many steps, so that no line is drawn across."""
-    import pandas as pd
-
-    time = rows["time"].to_numpy()
-    lapse = np.diff(time)
-    gaps = np.flatnonzero(lapse > 10.0 * np.median(lapse)) if lapse.size else np.empty(0, dtype=int)
-    empty = pd.DataFrame({"time": 0.5 * (time[gaps] + time[gaps + 1])})
-    return pd.concat([rows, empty]).sort_values("time", kind="stable") if gaps.size else rows
+def _noted(notes: Columns, name: str) -> dict[str, Array]:
+    """The lines of notes.csv that are of one of the notes."""
+    mine = notes["note"] == name
+    return {key: notes[key][mine] for key in ("time", "mean")}
 
 
-def logarithmic(axis: "Axis", low: float, high: float) -> None:
-    """Ticks of a logarithmic axis as plain numbers, closer together where it spans little."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    span = high / low
-    subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if span < 10.0 else (1.0, 2.0, 5.0) if span < 300.0 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=20))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _limit(axes: "Axes", rows: "DataFrame") -> None:
+def _limit(axes: "Axes", columns: Sequence[Columns]) -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel."""
-    wide, far = rows["upper3"].quantile(0.9), rows["error"].abs().quantile(0.99)  # NaN where there is none
+    upper, error = (np.concatenate([one[key] for one in columns]) for key in ("upper3", "error"))
+    wide, far = np.nanquantile(upper, 0.9), np.nanquantile(np.abs(error), 0.99)  # NaN where there is none
     settled = 1.25 * float(np.nanmax([wide, far, 1e-12]))
     if np.isfinite(settled):
         axes.set_ylim(-settled, settled)
 
 
-def _held(errors: "DataFrame") -> list[str]:
+def _held(errors: Mapping[str, Columns]) -> list[str]:
     """The filters whose first run did not diverge, which alone say how large a panel is; all where each one did."""
-    sound = errors["estimate"].notna().groupby(errors["filter"]).all()
-    return list(sound.index[sound]) or list(sound.index)
+    return [name for name, columns in errors.items() if not np.isnan(columns["estimate"]).any()] or list(errors)
 
 
 def _within(place: Array, box: Array) -> Array:
@@ -276,7 +274,3 @@ def _within(place: Array, box: Array) -> Array:
     low, high = box[:, :1], box[:, 1:]
     room = 0.25 * (high - low).max()
     return np.where(((place >= low - room) & (place <= high + room)).all(axis=0), place, np.nan)
-
-
-def _save(save: Save, name: str, figure: "Figure") -> None:
-    save(f"{rundir.PLOTS}/{name}", lambda stream: figure.savefig(stream, format="png", dpi=110))

@@ -11,12 +11,14 @@ from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
 
 PLAN, SWEEP, GROUPS, FAILURES = "sweep.json", "sweep.csv", "groups.csv", "failures.csv"
+TUNING = "tuning.csv"
 
 _HELD = {
     PLAN: "the plan: the words typed and the jobs",
     SWEEP: "a row a job and filter: swept values, status, every metric with its interval",
     GROUPS: "means over repeats with intervals",
     FAILURES: "each attempt that failed",
+    TUNING: "the trials of a tuning: values, objective, the best so far",
 }
 # The metrics that the table of jobs has room for; the rest is in sweep.csv.
 _SHOWN = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
@@ -31,6 +33,7 @@ def sweep_page(contents: Contents) -> parts.Page:
     sections: list[tuple[str, str, Callable[[], Html], bool]] = [
         ("swept", "What was swept", sweep.swept, True),
         ("failures", "Failures", sweep.failures, True),
+        ("trials", "Trials", sweep.trials, contents.has(TUNING)),
         ("jobs", "Jobs", sweep.jobs, True),
         ("groups", "Repeats", sweep.groups, contents.has(GROUPS)),
         ("plots", "Plots", lambda: parts.plots(contents, title), True),
@@ -94,6 +97,17 @@ class _Sweep:
             rows_.append([*cells, *_metrics(row, columns, figures)])
         caption = f"Jobs; every metric is in {SWEEP}"
         return join([table(caption, headings, rows_, filtered=len(rows_) > 10), note(found.remark)])
+
+    def trials(self) -> Html:
+        found = self.contents.table(TUNING)
+        keys = [column for column in self.keys if found.rows and column in found.rows[0]]
+        rows: list[list[str | Cell]] = []
+        for row in found.rows:
+            rows.append([self._job(row.get("job", "")), *(_value(row.get(key, "")) for key in keys)])
+            rows[-1] += [number_cell(row.get("objective")), number_cell(row.get("best")), row.get("state", "")]
+        headings = ("job", *keys, "objective", "best so far", "outcome")
+        caption = "Trials in their order; the smaller the objective, the better"
+        return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def groups(self) -> Html:
         found = self.contents.table(GROUPS)

@@ -17,8 +17,7 @@ GONE = 2**22 + 1  # a process number that Linux gives to none
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _with_a_folder_of_runs(_in_an_empty_folder):
     Path("runs").mkdir()
 
 

@@ -21,11 +21,6 @@ TINY = ["runs=4", "steps=15"]
 COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def latest() -> Path:
     return Path("runs/latest").resolve()
 

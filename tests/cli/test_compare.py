@@ -30,8 +30,7 @@ def shelf(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_with(shelf, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _in_a_folder_with(shelf, tmp_path, _in_an_empty_folder):
     for run in shelf.iterdir():
         if not run.is_symlink():
             shutil.copytree(run, tmp_path / run.name)

@@ -29,11 +29,6 @@ def needs(module: str, extra: str) -> pytest.MarkDecorator:
 dask = needs("distributed", "dask")
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def scheduler():
     """The address of a scheduler on loopback, with two workers that are processes."""

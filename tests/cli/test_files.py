@@ -22,11 +22,6 @@ WITHOUT_TRUTH = {"epuck"}
 SAME_PRIOR = {"landmark": ["scenario.initial=truth"], "car": ["scenario.initial=document"]}
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def simulate(scenario: str, *more: str) -> Path:
     assert main(["simulate", f"scenario={scenario}", "data.path=made", *more]) == 0
     return Path("made")

@@ -15,8 +15,7 @@ def block(name: str) -> str:
     return re.search(rf"<!-- {re.escape(name)} -->\n```\w*\n(.*?)```", README, re.DOTALL)[1]
 
 
-def test_the_main_command_prints_what_the_readme_shows(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_main_command_prints_what_the_readme_shows(capsys):
     shown = re.search(r"\$ estlab run scenario=car filter=ukf\n(.*?)```", README, re.DOTALL)[1].splitlines()
     assert main(["run", "scenario=car", "filter=ukf", "plots=false"]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
@@ -29,8 +28,7 @@ def test_the_main_command_prints_what_the_readme_shows(tmp_path, monkeypatch, ca
         assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
 
 
-def test_the_expectations_of_the_readme_are_met_or_not_as_it_shows(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_expectations_of_the_readme_are_met_or_not_as_it_shows(capsys):
     example = re.search(r"\$ estlab (run [^\n]* expect\.[^\n]*)\n\[\.\.\.\]\n(.*?)```", README, re.DOTALL)
     assert main([*example[1].split(), "plots=false"]) == 1
     printed = capsys.readouterr()
@@ -43,7 +41,6 @@ def test_the_expectations_of_the_readme_are_met_or_not_as_it_shows(tmp_path, mon
 
 
 def test_the_scenario_of_the_readme_works_as_printed(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])  # as for an installed command
     (tmp_path / "conf/scenario").mkdir(parents=True)
     (tmp_path / "pendulum.py").write_text(block("pendulum.py"))

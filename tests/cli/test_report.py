@@ -22,11 +22,6 @@ RUN_FILES += ["verdicts.csv", "coverage.csv", "comparison.csv", "expectations.cs
 EVIL = '</td><script>window.pwned = 1</script><img src=x onerror="window.pwned = 1"> & \''
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A run with two filters, an expectation and a table of its own: every file that there may be."""

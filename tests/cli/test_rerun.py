@@ -29,8 +29,7 @@ def original(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_with(original, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _in_a_folder_with(original, _in_an_empty_folder):
     shutil.copytree(original, "runs/day/run")
     Path("runs/latest").symlink_to("day/run")
 

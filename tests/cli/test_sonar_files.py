@@ -17,11 +17,6 @@ GOOD = dict(
 TRUTH = dict(robot=structs(x=[X, X]))
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def test_a_particle_filter_from_memory_and_from_file_gives_identical_estimates():
     simulate("sonar")
     pf = ["filter=pf", "filter.particles=200"]

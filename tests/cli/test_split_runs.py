@@ -17,11 +17,6 @@ WORDS = ["scenario=field", "runs=21", "steps=10", "block_runs=3", "keep_runs=4",
 THREE = "sweep.split_runs=3"
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A sweep whose jobs are not split."""

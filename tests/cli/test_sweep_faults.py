@@ -19,11 +19,6 @@ from tests.conftest import ROOT
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def started(*words: str) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "estlab", "sweep", "plots=false", *words]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

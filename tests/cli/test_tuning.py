@@ -14,16 +14,12 @@ from estlab.cli import main
 from tests.cli.sweeping import count, rows, status, table, wait_for
 from tests.cli.test_engines import needs
 from tests.cli.test_sweep_faults import started
+from tests.html import Page
 
 optuna = needs("optuna", "optuna")
 Q, R = "noise.filter.process_scale", "noise.filter.measurement_scale"
-SMALL = ["hydra/sweeper=optuna", "scenario=landmark", "filter=ekf", "runs=4", "steps=10"]
+SMALL = ["hydra/sweeper=optuna", "scenario=landmark", "filter=ekf", "runs=4", "scenario.duration=1"]
 WORDS = [*SMALL, f"{Q}=tag(log,interval(0.2,5))", f"{R}=interval(0.2,5)", "sweep.trials=6"]
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def tune(*words: str, place: str = "tuned") -> int:
@@ -44,7 +40,13 @@ def undisturbed(tmp_path_factory):
 
 @optuna
 def test_the_likelihood_finds_the_noises_of_the_truth():
-    words = [*SMALL[:3], "runs=10", "steps=60", f"{Q}=tag(log,interval(0.2,5))", f"{R}=tag(log,interval(0.2,5))"]
+    words = [
+        *SMALL[:3],
+        "runs=10",
+        "scenario.duration=6",
+        f"{Q}=tag(log,interval(0.2,5))",
+        f"{R}=tag(log,interval(0.2,5))",
+    ]
     assert main(["sweep", *words, "plots=false", "sweep.trials=30", "sweep.dir=tuned"]) == 0
     best = min(tuning(), key=lambda row: float(row["objective"]))
     for key in (Q, R):
@@ -54,24 +56,31 @@ def test_the_likelihood_finds_the_noises_of_the_truth():
 
 @optuna
 def test_each_trial_is_a_job_and_the_best_is_told_as_a_command(capsys):
-    assert tune("plots=true") == 0
+    assert tune("plots=true", "sweep.trials=3") == 0
     found = tuning()
-    assert [row["trial"] for row in found] == [str(i) for i in range(6)]
+    assert [row["trial"] for row in found] == [str(i) for i in range(3)]
     values = [float(row["objective"]) for row in found]
     for row, value in zip(found, values, strict=True):
         own = pd.read_csv(f"tuned/{row['job']}/metrics.csv").set_index(["metric", "component"])
         assert value == -own.loc[("loglik", "all"), "value"]
         assert 0.2 <= float(row[Q]) <= 5.0
         assert 0.2 <= float(row[R]) <= 5.0
-    assert [float(row["best"]) for row in found] == [min(values[: i + 1]) for i in range(6)]
+    assert [float(row["best"]) for row in found] == [min(values[: i + 1]) for i in range(3)]
     assert [(row["job"], row[Q]) for row in table("tuned")] == [(row["job"], row[Q]) for row in found]
     assert Path("tuned/plots/tuning.png").stat().st_size > 0
     captured = capsys.readouterr()
-    assert captured.err == ""
+    # On a machine that is busy it may last long enough for its progress to be told.
+    assert not [line for line in captured.err.splitlines() if not line.startswith("estlab: sweep, ")]
     lines = captured.out.splitlines()
     best = found[values.index(min(values))]["job"]
     assert lines[-2:] == [str(Path("tuned", best).resolve()), str(Path("tuned").resolve())]
+    shown = Page(Path("tuned/report.html").read_text()).tables[
+        "Trials in their order; the smaller the objective, the better"
+    ]
+    assert [line[0][0] for line in shown[1:]] == [row["job"] for row in found]
+    assert [line[-2][1] for line in shown[1:]] == [row["best"] for row in found]
     command = shlex.split(lines[-3].removeprefix("best: estlab "))
+    assert command[1:] == [*WORDS[1:5], *(f"{key}={next(r[key] for r in found if r['job'] == best)}" for key in (Q, R))]
     assert main([*command, "hydra.run.dir=alone"]) == 0
     assert Path("alone/metrics.csv").read_text() == Path("tuned", best, "metrics.csv").read_text()
 
@@ -194,7 +203,7 @@ def test_trials_in_parts_are_the_same(undisturbed):
 
 @optuna
 def test_a_best_value_at_the_end_of_its_interval_is_noted(capsys):
-    words = [*SMALL, "plots=false", f"{R}=interval(10,11)", "sweep.dir=tuned", "sweep.trials=25"]
+    words = [*SMALL, "plots=false", f"{R}=interval(10,11)", "sweep.dir=tuned", "sweep.trials=14"]
     assert main(["sweep", *words]) == 0
     assert f"note: {R}=10" in capsys.readouterr().out
 

@@ -25,11 +25,6 @@ steps: 12
 """
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def mine() -> list[str]:
     """A folder with experiments that meet, that miss, that cannot run and that expect nothing."""

@@ -120,6 +120,12 @@ def test_no_value_is_rounded_across_a_bound(value, one, other):
     assert bounds.admit(float(_shown(value, bounds))) == bounds.admit(value)
 
 
+def test_of_many_metrics_a_few_are_named_where_none_is_like_the_one_that_is_not_there():
+    rows = [row(metric, "all", 1.0) for metric in ("anees", "anis", "ess", "loglik", "nees", "nis")]
+    (finding,) = check(parse({"coverage": [0, 1]}, ["a"]), {"a": rows})
+    assert finding.found == "not found (there are anees, anis, ess, loglik and 2 more in metrics.csv)"
+
+
 def test_a_value_just_outside_is_shown_with_the_digits_that_say_so():
     (finding,) = check(parse({"rmse": [0.1, 0.2]}, ["a"]), {"a": [row("rmse", "x", 0.2004)]})
     assert (finding.found, finding.met) == ("0.2004", False)

@@ -136,18 +136,19 @@ def test_the_chi_square_test_is_two_sided():
 
 
 def test_the_laws_of_nees_are_those_of_scipy():
-    nees = np.array([[2.0, 9.0]])
+    nees = np.geomspace(0.1, 100.0, 40)[None]
+    shares = stats.chi2(1).cdf([[[1.0]], [[4.0]], [[9.0]]])
     plain = nees_law(nees, 3, None)
     assert (float(plain.mean), float(plain.variance)) == (3.0, 6.0)
-    np.testing.assert_allclose(plain.below, stats.chi2(3).cdf(nees))
+    np.testing.assert_array_equal(plain.inside, stats.chi2(3).cdf(nees) <= shares)
     size = 12.0
-    sampled = nees_law(nees, 3, np.stack([np.full((1, 2), size), np.ones((1, 2))]))
+    sampled = nees_law(nees, 3, np.stack([np.full((1, 40), size), np.ones((1, 40))]))
     unit = (1 + 1 / size) * 3 * (size - 1) / (size - 3)
     law = stats.f(3, size - 3)
     np.testing.assert_allclose(sampled.mean, unit * law.mean())
     np.testing.assert_allclose(sampled.variance, unit**2 * law.var())
-    np.testing.assert_allclose(sampled.below, law.cdf(nees / unit))
-    assert np.isnan(nees_law(nees, 3, np.full((2, 1, 2), 7.0)).mean).all(), (
+    np.testing.assert_array_equal(sampled.inside, law.cdf(nees / unit) <= shares)
+    assert np.isnan(nees_law(nees, 3, np.full((2, 1, 40), 7.0)).mean).all(), (
         "seven states have no law in three dimensions"
     )
     assert within(3) == pytest.approx(0.9973002)

@@ -1,0 +1,98 @@
+"""What all pictures share: figures with panels, legends, axes, lines of many points, and how they become files."""
+
+import textwrap
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from estlab import rundir
+from estlab.maths.space import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+Save = Callable[[str, Callable[[BinaryIO], object]], object]
+
+WIDTH = 9.0  # inches
+_DPI = 110
+_COMPRESSION = 3  # a tenth larger than at the usual 6, in two thirds of the time
+_BUCKETS = 1500  # of a line, more than a picture has columns of pixels
+
+
+def new_figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
+    """A figure with panels of a height [inches] each, one time axis for all of a column's."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height * rows + 1.0), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
+    for axes in panels:
+        axes.grid(alpha=0.3)
+    headed(figure, title)
+    return figure, list(panels)
+
+
+def headed(figure: "Figure", title: str) -> None:
+    """A title over all panels, in as many lines as it needs."""
+    figure.suptitle(textwrap.fill(title, 90), fontsize="large")
+
+
+def legend_below(figure: "Figure", axes: "Axes") -> None:
+    """A legend under the panels, in as many columns as its longest entry leaves room for."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = max(1, int(14.0 * WIDTH / (max(map(len, labels), default=1) + 8)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 5), frameon=False, fontsize="small")
+
+
+def logarithmic(axis: "Axis", low: float, high: float) -> None:
+    """Ticks of a logarithmic axis as plain numbers, closer together where it spans little."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    span = high / low
+    subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if span < 10.0 else (1.0, 2.0, 5.0) if span < 300.0 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def broken_at_gaps(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns with an empty line wherever their time jumps by many steps, so that nothing is drawn across."""
+    time = columns["time"]
+    lapse = np.diff(time)
+    gaps = np.flatnonzero(lapse > 10.0 * np.median(lapse)) if lapse.size else np.empty(0, dtype=int)
+    middle = 0.5 * (time[gaps] + time[gaps + 1]) if gaps.size else np.empty(0)
+    return {
+        name: np.insert(np.asarray(column, dtype=float), gaps + 1, middle if name == "time" else np.nan)
+        for name, column in columns.items()
+    }
+
+
+def telling(values: Array) -> Array:
+    """Which of the values over time (T,) make the line that all of them make, where a pixel holds many.
+
+    Of each of a number of buckets the least, the greatest, and the first that is missing, so that gaps stay.
+    """
+    size = -(-values.size // _BUCKETS)
+    if size < 4:
+        return np.arange(values.size)
+    padded = np.full(size * _BUCKETS, np.nan)
+    padded[: values.size] = values
+    buckets = padded.reshape(_BUCKETS, size)
+    missing = np.isnan(buckets)
+    least = np.where(missing, np.inf, buckets).argmin(axis=1)
+    greatest = np.where(missing, -np.inf, buckets).argmax(axis=1)
+    chosen = np.stack([least, greatest, missing.argmax(axis=1)]) + size * np.arange(_BUCKETS)
+    chosen = np.unique(chosen)
+    return chosen[chosen < values.size]
+
+
+def save_png(save: Save, name: str, figure: "Figure") -> None:
+    """Hand a figure to ``save`` as a picture of the run: drawn once, where savefig draws twice for the layout."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(_DPI)
+    canvas = FigureCanvasAgg(figure)
+    options: dict[str, Any] = {"compress_level": _COMPRESSION}
+    save(f"{rundir.PLOTS}/{name}", lambda stream: canvas.print_png(stream, pil_kwargs=options))
