@@ -52,6 +52,9 @@ def main(arguments: list[str] | None = None) -> int:
         return complain(str(error))
     except KeyboardInterrupt:
         print("estlab: interrupted", file=sys.stderr)
+        # Where it came while Python executed a text, as a dataclass does when it is defined, Python takes it for
+        # unhandled until the next text, and python -m would end by the signal in place of the exit code.
+        exec("")
         return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output, such as head, has seen enough.

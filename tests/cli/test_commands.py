@@ -438,3 +438,16 @@ def test_the_shell_completes_through_the_subcommand(line, expected, monkeypatch,
 def test_completion_installs_for_estlab(capsys):
     assert main(["run", "-sc", "install=bash"]) == 0
     assert capsys.readouterr().out.rstrip().endswith("estlab")
+
+
+def test_an_interruption_while_python_executes_a_text_has_the_exit_code_too():
+    """As when a dataclass is being defined; Python itself would end by the signal."""
+    program = (
+        "import sys, estlab.cli as cli\n"
+        "def interrupted(arguments):\n    exec('raise KeyboardInterrupt')\n"
+        "cli._dispatch = interrupted\nsys.exit(cli.main(['list']))\n"
+    )
+    Path("interrupted_in_a_text.py").write_text(program)
+    command = [sys.executable, "-m", "interrupted_in_a_text"]
+    found = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": f".:{ROOT}"})
+    assert (found.returncode, found.stderr) == (130, "estlab: interrupted\n")
