@@ -1,6 +1,6 @@
 """Both cores against one, and memory against the number of runs.
 
-``python -m benchmarks.speed.cores`` prints these rows alone.
+``python -m benchmarks.speed cores`` prints these rows alone.
 """
 
 import subprocess
@@ -11,16 +11,11 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
 
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
-
-from benchmarks.speed.reference import car_ukf
-from benchmarks.speed.turns import Row, faster
+from benchmarks.speed.cases import NAMES, PLAIN, Case
+from benchmarks.speed.turns import Row, faster, row
 from estlab.blocks import block
-from estlab.config import Settings, build
-from estlab.ensemble import Names, block_of, filters_of, loop_of, record_of
+from estlab.ensemble import block_of, record_of
 from estlab.maths.streams import Streams
-from estlab.paths import conf_folder
 from estlab.record import Record
 from estlab.workers import Workers
 
@@ -29,7 +24,7 @@ Work = Callable[[int, Tick], object]
 
 RUNS = 1000
 BLOCKS = range(2)
-NAMES = Names("car", "ukf")
+CAR = Case("scenario=car", "filter=ukf", "filter.noise=additive", f"runs={RUNS}")
 _SAMPLED_EVERY = 0.01  # seconds
 
 
@@ -42,36 +37,26 @@ def rows() -> Iterator[Row]:
     for number in BLOCKS:
         prepared(number)  # before the fork, for both processes
     work = f"car UKF, {RUNS} runs x 200 steps"
-    yield faster(f"{work}, both cores", both_cores(loop), "plain loop", plain_loop, 1.0 / RUNS, 550.0)
+    yield faster(f"{work}, both cores", both_cores(loop), PLAIN, CAR.plain_car(200), 1.0 / RUNS, 550.0)
     yield faster(f"{work}, both cores", both_cores(loop), "one core", one_core(loop), 1.0, 1.8)
     yield faster(f"four times {work}, both cores", both_cores(loop, 4), "one core", one_core(loop, 4), 1.0, 1.8)
-    whole = partial(block_of, settings(), NAMES, None)
+    whole = partial(block_of, CAR.settings, NAMES, None)
     simulated = f"{work}, simulated, filtered and scored"
     yield faster(f"{simulated}, both cores", both_cores(whole), "one core", one_core(whole), 1.0, 1.6)
     yield from memory()
 
 
 @cache
-def settings() -> Settings:
-    """Of the car's UKF with additive noise."""
-    words = ["scenario=car", "filter=ukf", "filter.noise=additive", f"runs={RUNS}"]
-    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        return build(OmegaConf.to_container(compose("config", overrides=words), resolve=True))
-
-
-@cache
 def prepared(number: int) -> Record:
     """Truth and readings of a block."""
-    return record_of(settings(), NAMES, block(settings(), number))
+    return record_of(CAR.settings, NAMES, block(CAR.settings, number))
 
 
 def loop(number: int, tick: Tick) -> None:
     """The filter over a prepared block, one of two by turns; what it finds stays where it is."""
     number %= len(BLOCKS)
     record = prepared(number)
-    filter = filters_of(settings(), NAMES)["ukf"]
-    draws = Streams(1, "car").draws("filter/ukf", block(settings(), number))
-    loop_of(settings(), filter, record.places).estimate(record, draws, tick)
+    CAR.loop.estimate(record, Streams(1, "benchmark").draws("filter", block(CAR.settings, number)), tick)
 
 
 def both_cores(work: Work, times: int = 1) -> Callable[[], object]:
@@ -89,24 +74,12 @@ def one_core(work: Work, times: int = 1) -> Callable[[], object]:
     return lambda: [work(number, lambda: None) for number in range(times * len(BLOCKS))]
 
 
-def plain_loop() -> None:
-    """One run of the fixed reference."""
-    record, noise = prepared(0), settings().noise.filter
-    motion, sensor = settings().scenario.motion(noise), settings().scenario.sensor(noise, record.places)
-    dt = float(record.time[1] - record.time[0])
-    rates = motion.noise_cov(record.control[:, 0], dt)
-    readings = record.readings.values[:, :, 0].T
-    car_ukf(record.prior.mean[:, 0], record.prior.cov, readings, rates, sensor.noise_cov, dt)
-
-
 def memory() -> Iterator[Row]:
     """Peak memory of the radar's UKF with a million runs against a thousand: the largest process, and all at a time."""
     (small, small_all, little), (large, large_all, long) = (peaks(runs) for runs in (1_000, 1_000_000))
     for what, one, many in (("its largest process", small, large), ("all its processes", small_all, large_all)):
         work = f"radar UKF, 1,000,000 runs on both cores, memory of {what}, {many:.0f} MB"
-        ratio = many / one
-        reference = f"1,000 runs, {one:.0f} MB"
-        yield Row(work, long, reference, little, ratio, ratio, ratio, "at most 1.2 ×", ratio <= 1.2)
+        yield row(work, f"1,000 runs, {one:.0f} MB", [(long, little)], [many / one], goal=1.2, least=False)
 
 
 def peaks(runs: int) -> tuple[float, float, float]:
@@ -146,8 +119,3 @@ def memory_of(pid: int) -> tuple[float, float]:
     except OSError:
         return 0.0, 0.0
     return tuple(float(words[0]) / 1024.0 if words else 0.0 for words in (peak, now))
-
-
-if __name__ == "__main__":
-    for row in rows():
-        print(row)

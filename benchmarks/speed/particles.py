@@ -1,22 +1,18 @@
 """The particle filter on the sonar scenario, against plain NumPy vectorised over the particles.
 
-python -m benchmarks.speed.particles
+python -m benchmarks.speed particles
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
+from benchmarks.speed.cases import settings_of
 from benchmarks.speed.plain_particles import Found, Problem, bootstrap
 from benchmarks.speed.turns import Row, faster
-from estlab.config import build
 from estlab.filters.loop import Loop
 from estlab.maths import cloud
 from estlab.maths.streams import Streams
-from estlab.paths import conf_folder
 from estlab.record import Estimates, Record
 
 REFERENCE = "plain NumPy over the particles, run by run"
@@ -40,7 +36,7 @@ class Case:
     """The sonar scenario's robots, and both filters over them with the same random numbers."""
 
     def __init__(self, particles: int, runs: range, steps: int) -> None:
-        settings = build(_composed("scenario=sonar", "filter=pf", f"filter.particles={particles}"))
+        settings = settings_of("scenario=sonar", "filter=pf", f"filter.particles={particles}")
         scenario, noise = settings.scenario, settings.noise.filter
         self.runs, self.particles = runs, particles
         self.record: Record = scenario.simulate(Streams(SEED, "sonar"), runs, noise).first(steps)
@@ -57,13 +53,3 @@ class Case:
         moved, heard = self.record.control[:, :, run].T, self.record.readings.values[:, :, run].T
         rng = Streams(SEED, "sonar").generator("filter/pf", self.runs[run])
         return bootstrap(self.problem, moved, heard, self.particles, rng)
-
-
-def _composed(*overrides: str) -> dict[str, Any]:
-    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        return OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True)  # type: ignore
-
-
-if __name__ == "__main__":
-    for row in rows():
-        print(row)

@@ -32,8 +32,3 @@ def _python(code: str) -> Callable[[], object]:
 
 def _call(*words: str) -> None:
     subprocess.run([sys.executable, *words], check=True, capture_output=True)
-
-
-if __name__ == "__main__":
-    for row in rows():
-        print(row)

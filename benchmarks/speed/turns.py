@@ -9,7 +9,10 @@ REPEATS = 5
 
 
 class Row(NamedTuple):
-    """A line of the table: what was timed, its reference, and the ratio with its extremes over the repeats."""
+    """A line of the table: what was timed, its reference, and the ratio with its extremes over the repeats.
+
+    goal: in words, empty for none. met: whether it was; None for none.
+    """
 
     work: str
     seconds: float
@@ -19,22 +22,24 @@ class Row(NamedTuple):
     low: float
     high: float
     goal: str
-    met: bool
+    met: bool | None
 
 
 def faster(
-    work: str, run: Callable[[], object], reference: str, plain: Callable[[], object], share: float, goal: float
+    work: str,
+    run: Callable[[], object],
+    reference: str,
+    plain: Callable[[], object],
+    share: float,
+    goal: float | None = None,
 ) -> Row:
     """How many times faster ``run`` is than its reference.
 
     share: how much of the work the reference does once: a plain loop over 2 of 1000 runs does 0.002 of it, and its time
-    is scaled up. goal: the least ratio.
+    is scaled up. goal: the least ratio, None for none.
     """
-    pairs = in_turn(run, plain)
-    pairs = [(seconds, reference_seconds / share) for seconds, reference_seconds in pairs]
-    ratios = [reference_seconds / seconds for seconds, reference_seconds in pairs]
-    ratio = statistics.median(ratios)
-    return _row(work, reference, pairs, ratios, f"at least {goal:g} ×", ratio >= goal)
+    pairs = [(spent, plain_spent / share) for spent, plain_spent in in_turn(run, plain)]
+    return row(work, reference, pairs, [plain_spent / spent for spent, plain_spent in pairs], goal, least=True)
 
 
 def within(
@@ -46,10 +51,8 @@ def within(
     allowance: float = 0.0,
 ) -> Row:
     """How many times the reference's time ``run`` takes. goal: the largest ratio. allowance: seconds added to it."""
-    pairs = [(seconds, reference_seconds + allowance) for seconds, reference_seconds in in_turn(run, plain)]
-    ratios = [seconds / reference_seconds for seconds, reference_seconds in pairs]
-    ratio = statistics.median(ratios)
-    return _row(work, reference, pairs, ratios, f"at most {goal:g} ×", ratio <= goal)
+    pairs = [(spent, plain_spent + allowance) for spent, plain_spent in in_turn(run, plain)]
+    return row(work, reference, pairs, [spent / plain_spent for spent, plain_spent in pairs], goal, least=False)
 
 
 def in_turn(run: Callable[[], object], plain: Callable[[], object]) -> list[tuple[float, float]]:
@@ -64,6 +67,12 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
-def _row(work: str, reference: str, pairs: list[tuple[float, float]], ratios: list[float], goal: str, met: bool) -> Row:
+def row(
+    work: str, reference: str, pairs: list[tuple[float, float]], ratios: list[float], goal: float | None, least: bool
+) -> Row:
+    """Medians of the repeats. pairs: seconds of the work and of its reference. least: whether the goal is the least."""
     run, plain = (statistics.median(column) for column in zip(*pairs, strict=True))
-    return Row(work, run, reference, plain, statistics.median(ratios), min(ratios), max(ratios), goal, met)
+    ratio = statistics.median(ratios)
+    words = "" if goal is None else f"at {'least' if least else 'most'} {goal:g}"
+    met = None if goal is None else (ratio >= goal if least else ratio <= goal)
+    return Row(work, run, reference, plain, ratio, min(ratios), max(ratios), words, met)

@@ -1,0 +1,62 @@
+"""The Gaussian family on one core against the plain loop.
+
+python -m benchmarks.speed gaussian
+"""
+
+import contextlib
+import io
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.speed.cases import NAMES, PLAIN, Case, OneReading
+from benchmarks.speed.reference import unscented_by_matrices
+from benchmarks.speed.turns import REPEATS, Row, faster, row, seconds
+from estlab import experiment
+from estlab.ensemble import record_of
+from estlab.rundir import RunDirectory
+
+RUNS = 1000
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "MRCLAM_Dataset6"
+_MOST = 40e-6  # seconds an event
+
+
+def rows() -> Iterator[Row]:
+    """The car's UKF and the landmark scenario's EKF and UKF; then a real recording, where it is."""
+    car = "scenario=car", "filter=ukf", "filter.noise=additive"
+    many, one = Case(*car, f"runs={RUNS}"), Case(*car, "runs=1")
+    steps, share = many.record.time.size, 1.0 / RUNS
+    work = f"car UKF, {RUNS} runs × {steps} steps, one core"
+    yield faster(work, many.filtered, PLAIN, many.plain_car(steps), share, 300.0)
+    by_matrices = many.plain_car(steps, unscented_by_matrices)
+    yield faster(work, many.filtered, f"{PLAIN}, its sums as products of matrices", by_matrices, share)
+    yield faster(f"car UKF, 1 run × {steps} steps", one.filtered, PLAIN, one.plain_car(steps), 1.0, 6.0)
+    for name, words in (("EKF", ("filter=ekf",)), ("UKF", ("filter=ukf", "filter.noise=additive"))):
+        dense, usual = (
+            OneReading(*words, f"runs={RUNS}", "steps=200"),
+            Case("scenario=landmark", *words, f"runs={RUNS}"),
+        )
+        for case, what, goal in ((dense, "a reading a step", 300.0), (usual, "readings as they come", None)):
+            steps = case.record.time.size
+            work = f"landmark {name}, {RUNS} runs × {steps} steps, {what}, one core"
+            yield faster(work, case.filtered, PLAIN, case.plain_robot(steps, name == "EKF"), share, goal)
+    if REAL.is_dir():
+        yield recording()
+
+
+def recording() -> Row:
+    """A real recording from its files to all tables, less the time that reading takes."""
+    words = "scenario=landmark", "filter=ekf", "data=files", f"data.path={REAL}", "data.prefix=Robot1_"
+    case = Case(*words, "runs=1", "plots=false", "report=false")
+    events = case.record.time.size
+
+    def run() -> None:
+        with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+            experiment.run(case.settings, NAMES, RunDirectory(Path(folder) / "run"), [])
+
+    def read() -> None:
+        record_of(case.settings, NAMES, range(1))
+
+    pairs = [(seconds(run) - seconds(read), _MOST * events) for _ in range(REPEATS)]
+    work = f"MRCLAM_Dataset6 Robot1, EKF, {events:,} events, after reading, to all tables"
+    return row(work, "40 µs an event", pairs, [spent / most for spent, most in pairs], goal=1.0, least=False)
