@@ -16,7 +16,7 @@ from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Streams
 from estlab.metrics.comparison import Comparison
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test, consistency_tests
 from estlab.metrics.digits import bracketed
@@ -87,7 +87,9 @@ def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0
 
 def filtered(record: Record, gate: float | None = None) -> Estimates:
     """By the Kalman filter."""
-    return Loop(extended("additive", gate), MOTION, SENSOR).estimate(record, Draws([]))
+    return Loop(extended("additive", gate), MOTION, SENSOR).estimate(
+        record, Streams(1, "calibration").draws("none", ())
+    )
 
 
 def ensembles(

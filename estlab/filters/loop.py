@@ -54,7 +54,7 @@ class Loop:
     def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
         """The belief after each step. draws: the filter's own streams. tick: called after every step."""
         if record.runs == 1 and isinstance(self.filter, GaussianFilter) and self.scheme != "stacked":
-            return self._alone(record, tick)
+            return self._alone(record, draws, tick)
         return self._forward(record, draws, tick, None)
 
     def estimate_and_smooth(
@@ -100,7 +100,7 @@ class Loop:
                 tick()
         return Estimates(mean, cov, whitened, log_scale, sample, notes, getattr(self.filter, "gate", None))
 
-    def _alone(self, record: Record, tick: Callable[[], None]) -> Estimates:
+    def _alone(self, record: Record, draws: Draws, tick: Callable[[], None]) -> Estimates:
         """Of a single run and a Gaussian belief: no array has the axis of runs, so that models work on plain numbers.
 
         The arithmetic is that of many runs, number for number.
@@ -114,7 +114,7 @@ class Loop:
         control, at_rest = np.ascontiguousarray(record.control[:, :, 0].T), np.zeros(record.control.shape[0])
         lapse = np.diff(record.time, prepend=record.start).tolist()
         bounds = record.readings.bounds(steps).tolist()
-        start = filter.start(record.prior, Draws([]))
+        start = filter.start(record.prior, draws)
         belief = Gaussian(start.mean[..., 0], start.cov[..., 0])
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for k in range(steps):

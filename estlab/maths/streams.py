@@ -1,8 +1,9 @@
 """Random numbers by name: who asks decides what is drawn, never when or where."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Streams:
 
     def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
         """The streams of several runs, to be drawn from as one goes along."""
-        return Draws([self.generator(purpose, run) for run in runs])
+        return Draws(partial(self.generator, purpose), runs)
 
     def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
@@ -40,14 +41,21 @@ class Streams:
 
 
 class Draws:
-    """Random numbers for a batch of runs, drawn step by step, each run from its own stream."""
+    """Random numbers for a batch of runs, drawn step by step, each run from its own stream.
 
-    def __init__(self, generators: list[np.random.Generator]) -> None:
-        self._generators = generators
+    make: gives the stream of a run by its number. Streams are made when first drawn from, and some filters never do.
+    """
+
+    def __init__(self, make: Callable[[int], np.random.Generator], runs: Iterable[int]) -> None:
+        self._make, self._runs = make, runs
+
+    @cached_property
+    def _generators(self) -> list[np.random.Generator]:
+        return [self._make(run) for run in self._runs]
 
     def of(self, runs: Array) -> "Draws":
         """The streams of some of the runs, by their place in this batch."""
-        return Draws([self._generators[run] for run in runs])
+        return Draws(self._generators.__getitem__, runs)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""

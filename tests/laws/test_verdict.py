@@ -9,7 +9,7 @@ from scipy import stats
 from benchmarks.calibration import MOTION, SENSOR, STATE, Fault, ensembles, filtered, records
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Streams
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, consistency_tests
 from estlab.metrics.laws import nis_mean
 from estlab.metrics.tally import Tally
@@ -111,7 +111,7 @@ def test_a_bias_is_what_is_wrong_only_where_it_explains_most_of_the_nees():
 
 def test_a_gate_does_not_make_a_right_filter_conservative():
     record = records(Fault(), 200, 100, 1)
-    found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Draws([]))
+    found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Streams(1, "none").draws("none", ()))
     test = answers(told(record, found))[NIS]
     assert test.of == "expected"
     assert abs(test.found.value - 1.0) < 0.04
