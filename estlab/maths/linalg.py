@@ -25,6 +25,16 @@ def matmul(a: Array, b: Array) -> Array:
     return np.asarray(product)
 
 
+def lower_matmul(factor: Array, b: Array) -> Array:
+    """L B for L (n, n, *batch), lower, and B (n, m, *batch): :func:`matmul` without the products of zeros."""
+    if factor.ndim == 2:
+        return matmul(factor, b)
+    product = factor[:, 0, None] * b[None, 0]
+    for k in range(1, b.shape[0]):
+        product[k:] += factor[k:, k, None] * b[None, k]
+    return product
+
+
 def matvec(a: Array, x: Array) -> Array:
     """A x for (n, k, *batch) and (k, *batch), either of which may be constant."""
     return matmul(a, x[:, None])[:, 0]

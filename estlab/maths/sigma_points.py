@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, gram, matmul, summed, transpose
+from estlab.maths.linalg import cholesky, gram, lower_matmul, matmul, summed, transpose
 from estlab.maths.space import Array
 from estlab.maths.transforms import Function, Moments
 
@@ -91,7 +91,7 @@ class SymmetricSigmaPoints(SigmaPoints):
         """Of points that lie opposite each other: the sum over the axes of L (of one's value less the other's)."""
         n = factor.shape[0]
         difference = of_value[:, :n] - of_value[:, n:]
-        return (weights * np.sqrt(self.spread2(n))) * matmul(factor, transpose(difference))
+        return (weights * np.sqrt(self.spread2(n))) * lower_matmul(factor, transpose(difference))
 
 
 @dataclass(frozen=True)
