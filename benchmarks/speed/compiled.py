@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from benchmarks.speed.cases import PLAIN, Case
-from benchmarks.speed.gaussian import REAL
+from benchmarks.speed.gaussian import REAL, recording
 from benchmarks.speed.turns import Row, faster
 from estlab.ensemble import loop_of
 from estlab.maths.streams import Streams
@@ -33,6 +33,7 @@ def rows() -> Iterator[Row]:
         events = real.record.time.size
         work = f"MRCLAM_Dataset6 Robot1, EKF, {events:,} events, engine=numba"
         yield faster(work, real.filtered, "engine=numpy", lambda: by_numpy(real), _STEPS / events)
+        yield recording("numba")
 
 
 def by_numpy(case: Case) -> Estimates:

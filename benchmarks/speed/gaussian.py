@@ -41,13 +41,13 @@ def rows() -> Iterator[Row]:
             work = f"landmark {name}, {RUNS} runs × {steps} steps, {what}, one core"
             yield faster(work, case.filtered, PLAIN, case.plain_robot(steps, name == "EKF"), share, goal)
     if REAL.is_dir():
-        yield recording()
+        yield recording("numpy")
 
 
-def recording() -> Row:
+def recording(engine: str) -> Row:
     """A real recording from its files to all tables, less the time that reading takes."""
     words = "scenario=landmark", "filter=ekf", "data=files", f"data.path={REAL}", "data.prefix=Robot1_"
-    case = Case(*words, "runs=1", "plots=false", "report=false")
+    case = Case(*words, "runs=1", "plots=false", "report=false", f"engine={engine}")
     events = case.record.time.size
 
     def run() -> None:
@@ -57,6 +57,7 @@ def recording() -> Row:
     def read() -> None:
         record_of(case.settings, NAMES, range(1))
 
+    run()
     pairs = [(seconds(run) - seconds(read), _MOST * events) for _ in range(REPEATS)]
-    work = f"MRCLAM_Dataset6 Robot1, EKF, {events:,} events, after reading, to all tables"
+    work = f"MRCLAM_Dataset6 Robot1, EKF, {events:,} events, after reading, to all tables, engine={engine}"
     return row(work, "40 µs an event", pairs, [spent / most for spent, most in pairs], goal=1.0, least=False)
