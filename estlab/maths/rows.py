@@ -47,7 +47,7 @@ def through(rows: Rows, cov: Array, batch: tuple[int, ...]) -> tuple[Rows, Array
         columns = [_entries(column) for column in cov.tolist()]
         half: list[Any] = [[_inner(column, row) for column in columns] for row in rows]
     else:
-        half = [_inner(row, cov) for row in sparse]
+        half = [_inner(row, cov) if row else np.zeros(cov.shape[1:]) for row in sparse]
     spread = np.empty((len(rows), len(rows), *batch))
     for i, left in enumerate(half):
         for j, row in enumerate(sparse[: i + 1]):

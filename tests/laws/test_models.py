@@ -1,5 +1,7 @@
 """Geometry against slower, independent ways to the same answer."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,9 +15,12 @@ from estlab.maths.streams import Streams
 from estlab.models import landmarks, lidar, unicycle, vehicle
 from tests.conftest import options, settings
 
-RNG = np.random.default_rng(11)
 CAR = np.array([20.0, 4.0, 9.0, 2.8, 4.6, 1.9])
 NOWHERE = np.empty((0, 1))
+
+
+def _normals(*shape):
+    return np.random.default_rng(11).standard_normal(shape)
 
 
 def _check_slopes(motion, state, control, dt):
@@ -63,6 +68,58 @@ def test_arc_is_the_integral_of_the_unicycle(w):
     np.testing.assert_allclose(matrix(slopes[1], ()), by_difference, atol=1e-8)
 
 
+def _arc_by_quadrature(pose, control, dt):
+    """The pose after an arc, and its derivatives (3, 3) in the pose and (3, 2) in v and w, as integrals over time."""
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    t, share = 0.5 * dt * (nodes + 1.0), 0.5 * dt * weights
+    (x, y, heading), (v, w) = pose, control
+    cos, sin = np.cos(heading + w * t), np.sin(heading + w * t)
+    after = np.array([x + v * (share @ cos), y + v * (share @ sin), heading + w * dt])
+    in_pose = np.eye(3)
+    in_pose[:2, 2] = -v * (share @ sin), v * (share @ cos)
+    in_noise = [[share @ cos, -v * (share @ (t * sin))], [share @ sin, v * (share @ (t * cos))], [0.0, dt]]
+    return after, in_pose, np.array(in_noise)
+
+
+# Of the angle through which half an arc turns [rad]: none, next to none, about the branch between series and quotient.
+HALF_TURNS = [0.0, 1e-200, -1e-18, 1e-9, -1e-5, 1e-3, -9e-3, 0.00999999, 0.01, 0.01000001, -0.0101, 0.011, 0.1, -1.5]
+
+
+@pytest.mark.parametrize("half_turn", HALF_TURNS)
+@pytest.mark.parametrize("heading", [0.4, -2.9, 30.0])
+def test_an_arc_and_its_slopes_are_integrals_however_little_it_turns(half_turn, heading):
+    pose, control, dt = np.array([1.0, -2.0, heading]), np.array([0.7, 2.0 * half_turn / 1.5]), 1.5
+    after, in_pose, in_noise = _arc_by_quadrature(pose, control, dt)
+    np.testing.assert_allclose(unicycle.arc(pose, control, np.zeros(2), dt), after, rtol=1e-14, atol=1e-14)
+    slopes = (matrix(rows, ()) for rows in unicycle.arc_jacobians(pose, control, dt))
+    for found, expected in zip(slopes, (in_pose, in_noise), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("half_turn", [half for half in HALF_TURNS if half != 0.0])
+def test_how_much_shorter_the_chord_gets_by_turning_more_has_all_digits(half_turn):
+    """With the chord along x the slope of x in w is this alone; elsewhere the turn of the chord hides it."""
+    pose, control = np.array([0.0, 0.0, -half_turn]), np.array([0.7, 2.0 * half_turn / 1.5])
+    found = matrix(unicycle.arc_jacobians(pose, control, 1.5)[1], ())[0, 1]
+    series = 0.0  # of the derivative of sin(a) / a, in which nothing cancels, from its last term on
+    for k in range(12, 0, -1):
+        series += (-1) ** k * 2 * k * half_turn ** (2 * k - 1) / math.factorial(2 * k + 1)
+    np.testing.assert_allclose(found, 0.7 * 1.5 * 0.75 * series, rtol=1e-9, atol=0.0)
+
+
+def test_arcs_are_the_same_for_numbers_and_for_arrays():
+    pose, control, noise = np.split(_normals(7, 40), [3, 5])
+    control[1, :20] *= 10.0 ** -np.arange(20)
+    noise[1, :20] = 0.0
+    together = np.stack(unicycle.arc(pose, control, noise, 0.1))
+    slopes = [matrix(rows, (40,)) for rows in unicycle.arc_jacobians(pose, control, 0.1)]
+    for i in range(40):
+        alone = unicycle.arc(pose[:, i], control[:, i], noise[:, i], 0.1)
+        np.testing.assert_array_equal(np.array(alone), together[:, i])
+        for rows, among in zip(unicycle.arc_jacobians(pose[:, i], control[:, i], 0.1), slopes, strict=True):
+            np.testing.assert_array_equal(matrix(rows, ()), among[..., i])
+
+
 def test_drive_is_a_runge_kutta_step_of_the_documents_derivative():
     rates = np.array([0.2, -0.1, 4.0, 0.9, 0.3, -0.2])
 
@@ -71,6 +128,75 @@ def test_drive_is_a_runge_kutta_step_of_the_documents_derivative():
 
     exact = solve_ivp(slope, (0.0, 0.1), CAR, rtol=1e-11, atol=1e-12).y[:, -1]
     np.testing.assert_allclose(vehicle.drive(CAR, np.empty(0), rates, 0.1), exact, atol=2e-7)
+
+
+def _driven(state, rates, dt):
+    """The document's form: Simpson's rule over speed and heading at the beginning, in the middle and at the end."""
+    begin, middle, end = (state + share * dt * rates for share in (0.0, 0.5, 1.0))
+    for i, of in ((0, np.cos), (1, np.sin)):
+        velocities = [at[2] * of(at[3]) for at in (begin, middle, end)]
+        end[i] += dt / 6.0 * (velocities[0] + 4.0 * velocities[1] + velocities[2])
+    return end
+
+
+def _cars(count, seed=7):
+    """Cars all round, near and far, among them some of negative size and some with the origin inside."""
+    rng = np.random.default_rng(seed)
+    around, heading = rng.uniform(-np.pi, np.pi, (2, count))
+    far = 10.0 ** rng.uniform(-1.0, 2.0, count)
+    speed, length, width = rng.uniform(-15.0, 15.0, count), rng.uniform(-3.0, 8.0, count), rng.uniform(-1.0, 4.0, count)
+    return np.stack([far * np.cos(around), far * np.sin(around), speed, heading, length, width])
+
+
+@pytest.mark.parametrize("turn_rate", [0.0, 0.7, 30.0])  # [rad/s] per sqrt(s); at 30, more than a turn in a step
+def test_drive_is_simpsons_rule_of_the_documents_form(turn_rate):
+    cars = _cars(600).reshape(6, 3, 200)
+    rates = _normals(6, 3, 200) * np.array([0.25, 0.25, 3.0, turn_rate, 0.1, 0.1])[:, None, None]
+    found = np.stack(vehicle.drive(cars, np.empty(0), rates, 0.1))
+    np.testing.assert_allclose(found, _driven(cars, rates, 0.1), rtol=1e-14, atol=1e-14)
+
+
+def test_cars_drive_and_are_seen_the_same_as_numbers_and_as_arrays():
+    cars, rates = _cars(60), _normals(6, 60)
+    driven, seen = np.stack(vehicle.drive(cars, np.empty(0), rates, 0.1)), np.stack(vehicle.extent(cars, NOWHERE))
+    for i in range(60):
+        np.testing.assert_array_equal(np.array(vehicle.drive(cars[:, i], np.empty(0), rates[:, i], 0.1)), driven[:, i])
+        np.testing.assert_array_equal(np.array(vehicle.extent(cars[:, i], NOWHERE)), seen[:, i])
+
+
+def _extent_by_corners(state):
+    """Bearings by the arctangent of each corner, the range by the nearest point of each edge."""
+    x, y, _, heading, length, width = state
+    ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    rear, side = np.array([x, y]), 0.5 * width * left
+    corners = [rear - side, rear + length * ahead - side, rear + length * ahead + side, rear + side]
+    centre = rear + 0.5 * length * ahead
+    reference = np.arctan2(centre[1], centre[0])
+    turned = [wrap(np.arctan2(corner[1], corner[0]) - reference) for corner in corners]
+    ranges = []
+    for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
+        along = other - one
+        nearest = one + np.clip(-(one @ along) / (along @ along), 0.0, 1.0) * along
+        ranges.append(np.hypot(*nearest))
+    return reference + min(turned), reference + max(turned), min(ranges)
+
+
+def _holds_the_origin(cars):
+    x, y, _, heading, length, width = cars
+    along, across = -(x * np.cos(heading) + y * np.sin(heading)), x * np.sin(heading) - y * np.cos(heading)
+    return (np.abs(along - 0.5 * length) < 0.5 * np.abs(length)) & (np.abs(across) < 0.5 * np.abs(width))
+
+
+def test_extent_is_that_of_the_corners_and_the_nearest_point_of_the_edges():
+    cars = _cars(1500)
+    cars[:2, :300] = -np.abs(cars[:2, :300]) * np.array([[1.0], [0.01]])  # across the cut, behind the origin
+    inside, negative = _holds_the_origin(cars), (cars[4:] < 0.0).any(axis=0)
+    cut = np.abs(vehicle.extent(cars, NOWHERE)[1]) > np.pi
+    assert min(inside.sum(), negative.sum(), cut.sum(), (inside & negative).sum()) > 20, "some of each kind"
+    expected = np.stack([_extent_by_corners(car) for car in cars.T], axis=1)
+    gap = np.stack(vehicle.extent(cars, NOWHERE)) - expected
+    np.testing.assert_allclose(wrap(gap[:2]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(gap[2], 0.0, atol=1e-13 * np.abs(cars[:2]).max())
 
 
 def _outline(state, per_edge=4001):
