@@ -59,8 +59,8 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:
                 raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
-        if self.cores is not None and not 1 <= self.cores <= 1024:
-            raise ValueError(f"cores must be from 1 to 1024, got {self.cores}")
+        if self.cores is not None and self.cores < 1:
+            raise ValueError(f"cores must be >= 1, got {self.cores}")
         for name in ("seed", "run_index"):
             value = getattr(self, name)
             if value is not None and value < 0:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estlab import expectations, parts, rundir
+from estlab import cores, expectations, parts, rundir
 from estlab.blocks import block
 from estlab.config import Settings
 from estlab.ensemble import (
@@ -42,6 +42,7 @@ from estlab.report.findings import Findings
 from estlab.rundir import RunDirectory
 
 _BOUND_RUNS = 200
+_CROWDED = 4  # processes a core that may be asked for
 
 log = logging.getLogger("estlab")
 
@@ -53,6 +54,11 @@ def check(settings: Settings, names: Names) -> None:
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
         raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
+    if settings.cores is not None and settings.cores > _CROWDED * cores.usable():
+        raise UserError(
+            f"cores={settings.cores} is far more than the {cores.usable()} that this process may use, and each is a "
+            "process with a memory of its own; leave it out to take all that there are"
+        )
     for name, filter in filters_of(settings, names).items():
         key = f"filters.{name}" if settings.filters else "filter"
         loop = loop_of(settings, filter, np.empty((0, 1)))
