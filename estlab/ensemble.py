@@ -146,6 +146,8 @@ def estimated(
     with cloud.threads((settings.cores or cores.usable()) // workers.cores):
         for number, found in workers.results(partial(block_of, settings, names, first), steps):
             ensemble.add(number, found)
+    if (taken := sum(1 << level for level, _ in ensemble.blocks.nodes)) != len(workers.pieces):
+        raise RuntimeError(f"{taken} blocks came back of {len(workers.pieces)}")
     return ensemble
 
 

@@ -75,15 +75,16 @@ class Workers(Generic[R]):
             if self.cores == 1 and (time.monotonic() - began) * len(self._left) > _WORTH:
                 self._start()
             yield number, result
-        while self._left or self._given.total():
-            if self._left:
+        while self._left or self._given.total() or self._finished:
+            # While a piece is done here, workers may have finished any number of theirs.
+            if self._finished:
+                yield self._finished.pop(0)
+            elif self._left:
                 number, self._left = self._left[0], self._left[1:]
                 yield number, here(number, self._tick)
                 self._hear(0.0)
             else:
                 self._hear(None)
-            while self._finished:
-                yield self._finished.pop(0)
 
     def _tick(self) -> None:
         self._steps(1)

@@ -62,6 +62,28 @@ def test_workers_come_once_the_first_piece_has_shown_that_they_pay(monkeypatch):
     assert len({process for _, process in results.values()}) == crew.cores == 2
 
 
+@pytest.mark.parametrize("pieces", [2, 3])
+def test_what_workers_finish_while_this_process_is_at_its_first_piece_is_not_lost(pieces):
+    done = set()
+
+    def slow(number, tick):
+        while len(done) < pieces - 1 and number == 0:
+            time.sleep(0.01)
+            tick()
+        return number, os.getpid()
+
+    with Workers(partial(work, None), range(pieces), pieces) as crew:
+        take = crew._take
+
+        def heard(end, what, said):
+            take(end, what, said)
+            done.update(number for number, _ in crew._finished)
+
+        crew._take = heard
+        results = dict(crew.results(slow, lambda steps: None))
+    assert sorted(results) == list(range(pieces))
+
+
 @pytest.mark.parametrize(
     "error", [UserError("write it otherwise"), MemoryError("no room"), ZeroDivisionError("one over nothing")]
 )
