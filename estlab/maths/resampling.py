@@ -76,7 +76,7 @@ def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
     u = draws.uniforms((1 if scheme == "systematic" else count,))
     if scheme in ("systematic", "stratified"):
         return _one_a_stratum(weights, u)
-    chosen = cloud.empty(1, count, runs)[0].astype(int)
+    chosen = np.empty((runs, count), dtype=int).T
     for run in range(runs):
         chosen[:, run] = _choose(scheme, weights[:, run], u[:, run])
     return chosen
