@@ -71,12 +71,16 @@ def test_the_default_engine_imports_no_numba():
     subprocess.run([sys.executable, "-c", code, *words, "filter=ekf"], check=True, capture_output=True)
 
 
-def test_a_second_start_compiles_nothing_and_a_changed_model_is_compiled_anew(tmp_path):
+def test_a_second_start_compiles_nothing_and_what_is_damaged_or_changed_is_compiled_anew(tmp_path):
     pytest.importorskip("numba", reason="numba is not installed: pip install estlab[fast]")
     source = Path(pendulum.__file__).read_text()
     model = tmp_path / "model.py"
     model.write_text(source)
     first, second = start(tmp_path), start(tmp_path)
+    for index in (tmp_path / "cache").rglob("*.nbi"):
+        index.write_bytes(index.read_bytes()[:20])
+    mended = start(tmp_path)
+    assert (mended[0], mended[1]) == ("0", first[1]), "what is damaged is made anew"
     # As long as it was, and in a function that another calls.
     model.write_text(source.replace("9.81", "9.18"))
     changed = start(tmp_path)
@@ -107,3 +111,5 @@ def test_who_writes_second_leaves_the_file_of_the_first(tmp_path, monkeypatch):
     assert cache._written("0", "one = 1\n") == path
     assert (path.stat().st_ino, path.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
     assert [file.name for file in path.parent.iterdir()] == ["loop.py"]
+    path.write_text("rubbish (")
+    assert cache._written("0", "one = 1\n").read_text() == "one = 1\n"

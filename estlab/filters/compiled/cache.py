@@ -11,6 +11,7 @@ import importlib.metadata
 import importlib.util
 import inspect
 import logging
+import multiprocessing
 import os
 import platform
 import sys
@@ -87,21 +88,59 @@ def _made(plan: Plan, source: str, digest: str, arguments: Sequence[Any]) -> Any
     name = f"estlab_compiled_{digest}"
     kinds = tuple(map(numba.typeof, arguments))
     try:
-        return _compiled(plan, _imported(name, _written(digest, source)), kinds, cache=True)
+        try:
+            return _kept(name, digest, source, kinds)
+        except Exception as error:
+            if not _removed(digest):
+                raise
+            _warn(f"{folder() / digest}: compiled code there is damaged ({_reason(error)}) and is made anew")
+            return _kept(name, digest, source, kinds)
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
-        said = f"{folder()}: compiled code cannot be kept here ({why}) and is made anew at each start; set ESTLAB_CACHE"
-        print(f"estlab: warning: {printable(said)}", file=sys.stderr)
+        _warn(
+            f"{folder()}: compiled code cannot be kept here ({why}) and is made anew at each start; "
+            "set ESTLAB_CACHE to a folder that can be written"
+        )
+        return _not_kept(plan, name, source, kinds)
+    except Exception as error:
+        raise UserError(_complaint(plan, error)) from error
+
+
+def _kept(name: str, digest: str, source: str, kinds: tuple[Any, ...]) -> Any:
+    return _compiled(_imported(name, _written(digest, source)), kinds, cache=True)
+
+
+def _not_kept(plan: Plan, name: str, source: str, kinds: tuple[Any, ...]) -> Any:
     module = types.ModuleType(name)
     exec(compile(source, f"<{name}>", "exec"), module.__dict__)
-    return _compiled(plan, module, kinds, cache=False)
+    try:
+        return _compiled(module, kinds, cache=False)
+    except Exception as error:
+        raise UserError(_complaint(plan, error)) from error
+
+
+def _removed(digest: str) -> bool:
+    """Whether there was compiled code in the folder, which is gone now."""
+    files = list((folder() / digest).rglob("*.nb[ic]"))
+    for file in files:
+        file.unlink(missing_ok=True)
+    return bool(files)
+
+
+@lru_cache
+def _warn(said: str) -> None:
+    """Once, and by one process."""
+    if multiprocessing.parent_process() is None:
+        print(f"estlab: warning: {printable(said)}", file=sys.stderr)
 
 
 def _written(digest: str, source: str) -> Path:
     """The file with this source. Of several processes that write it at once, the first does."""
     place = folder() / digest
     path = place / "loop.py"
-    if not (path.exists() and path.read_text(encoding="utf-8") == source):
+    if path.exists() and path.read_text(encoding="utf-8", errors="replace") != source:
+        path.unlink(missing_ok=True)  # the folder's name says what it holds: this is damage
+    if not path.exists():
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=place, suffix=".part") as aside:
             aside.write(source)
@@ -121,15 +160,10 @@ def _imported(name: str, path: Path) -> types.ModuleType:
     return module
 
 
-def _compiled(plan: Plan, module: types.ModuleType, kinds: tuple[Any, ...], cache: bool) -> Any:
+def _compiled(module: types.ModuleType, kinds: tuple[Any, ...], cache: bool) -> Any:
     forward = scalars.NJIT(error_model="numpy", no_cfunc_wrapper=True, cache=cache)(module.forward)
     began = time.perf_counter()
-    try:
-        forward.compile(kinds)
-    except OSError:
-        raise  # of the folder
-    except Exception as error:
-        raise UserError(_complaint(plan, error)) from error
+    forward.compile(kinds)
     found = "found compiled" if sum(forward.stats.cache_hits.values()) else "compiled"
     log.info("engine=numba: the loop was %s in %.1f s (%s)", found, time.perf_counter() - began, module.__name__)
     return forward

@@ -133,7 +133,7 @@ def check_installed() -> None:
     """Raise UserError, with the remedy, if Numba cannot be imported."""
     try:
         import numba  # noqa: F401
-    except ImportError as error:
+    except Exception as error:  # of the wrong NumPy or llvmlite it raises what it likes
         there = "" if isinstance(error, ModuleNotFoundError) else f" ({' '.join(str(error).split())})"
         raise UserError(f'engine=numba needs numba: pip install "estlab[fast]"{there}') from error
 

@@ -62,7 +62,7 @@ def forward(
     log_scale: Array,
     gated: Array,
 ) -> None:
-    """Steps ``first`` to ``last`` of all runs; the arrays are those of estlab.filters.compiled.engine.Line.
+    """Steps ``first`` to ``last`` of all runs; the arrays are what its engine, CompiledLoop, gives.
 
     The beliefs mean (n, runs) and cov (n, n, runs) are those before, and become those after.
     """
