@@ -12,7 +12,7 @@ from estlab.record import Readings
 from tests.conftest import estimate, options, settings
 
 
-def _pick(record, run):
+def only(record, run):
     one = slice(run, run + 1)
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, one]
     readings = Readings(record.readings.step, record.readings.values[:, :, one], record.readings.target[:, one])
@@ -33,7 +33,7 @@ def _assert_alone_as_among_others(filter, models, record, scheme, runs):
     together = estimate(filter, *models, record, *scheme)
     for run in runs:
         own = run if record.each_its_own else 0  # the stream of the belief
-        alone = estimate(filter, *models, _pick(record, run), *scheme, numbers=[own])
+        alone = estimate(filter, *models, only(record, run), *scheme, numbers=[own])
         for name in ("mean", "cov", "whitened", "log_scale"):
             found, expected = getattr(alone, name)[..., 0], getattr(together, name)[..., run]
             np.testing.assert_array_equal(found, expected, err_msg=name)
@@ -109,7 +109,7 @@ def test_runs_that_begin_again_from_the_prior_do_not_draw_for_their_neighbours()
     together = estimate(experiment.filter, motion, sensor, record)
     np.testing.assert_array_equal(together.notes["vanished"][12], [0, 1, 0, 1, 0])
     for run in (0, 3):
-        alone = estimate(experiment.filter, motion, sensor, _pick(record, run), numbers=[run])
+        alone = estimate(experiment.filter, motion, sensor, only(record, run), numbers=[run])
         np.testing.assert_array_equal(together.mean[:, :, run], alone.mean[:, :, 0])
 
 
@@ -147,5 +147,5 @@ def test_a_particle_run_does_not_see_another_resample(options):
     record = problem.simulate(Streams(2, "landmark"), range(6), noise).first(60)
     motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
     together = estimate(experiment.filter, motion, sensor, record)
-    alone = estimate(experiment.filter, motion, sensor, _pick(record, 3), numbers=[3])
+    alone = estimate(experiment.filter, motion, sensor, only(record, 3), numbers=[3])
     np.testing.assert_array_equal(together.mean[:, :, 3], alone.mean[:, :, 0])

@@ -7,7 +7,7 @@ from estlab.maths import cloud
 from estlab.maths.resampling import Weights, resample
 from estlab.maths.streams import Draws, Streams
 from tests.conftest import estimate, settings
-from tests.laws.test_filters import _pick
+from tests.laws.test_alone import only
 
 LARGE = cloud.PIECE + 2345
 
@@ -29,7 +29,7 @@ def test_a_cloud_alone_is_to_the_last_bit_what_it_is_among_others(name, more):
     motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
     together = estimate(experiment.filter, motion, sensor, record)
     for run in (0, 3):
-        alone = estimate(experiment.filter, motion, sensor, _pick(record, run), numbers=[run])
+        alone = estimate(experiment.filter, motion, sensor, only(record, run), numbers=[run])
         np.testing.assert_array_equal(together.mean[..., run], alone.mean[..., 0])
         np.testing.assert_array_equal(together.cov[..., run], alone.cov[..., 0])
         np.testing.assert_allclose(together.whitened[..., run], alone.whitened[..., 0], rtol=1e-12)
