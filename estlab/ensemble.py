@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab import cores
 from estlab.blocks import block, block_count
 from estlab.config import Settings
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
-from estlab.maths import cloud
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
@@ -142,10 +140,8 @@ def estimated(
     """
     ensemble = Ensemble(first)
     steps = progress(len(workers.pieces) * first.time.size * len(filters_of(settings, names)))
-    # Cores that no process has share the points of a large cloud.
-    with cloud.threads((settings.cores or cores.usable()) // workers.cores):
-        for number, found in workers.results(partial(block_of, settings, names, first), steps):
-            ensemble.add(number, found)
+    for number, found in workers.results(partial(block_of, settings, names, first), steps):
+        ensemble.add(number, found)
     if (taken := sum(1 << level for level, _ in ensemble.blocks.nodes)) != len(workers.pieces):
         raise RuntimeError(f"{taken} blocks came back of {len(workers.pieces)}")
     return ensemble

@@ -11,7 +11,6 @@ from benchmarks.speed.cases import settings_of
 from benchmarks.speed.plain_particles import Found, Problem, bootstrap
 from benchmarks.speed.turns import Row, faster
 from estlab.filters.loop import Loop
-from estlab.maths import cloud
 from estlab.maths.streams import Streams
 from estlab.record import Estimates, Record
 
@@ -20,16 +19,15 @@ SEED = 1
 
 
 def rows() -> Iterator[Row]:
-    """A thousand particles in a hundred runs, and a hundred thousand in one, which two threads share."""
+    """A thousand particles in a hundred runs, and a hundred thousand in one."""
     many = Case(1000, range(100), 50)
     few = range(4)
     share = len(few) / len(many.runs)
     work = "sonar pf, 1000 particles × 100 runs × 50 steps, one core"
     yield faster(work, many.estimated, REFERENCE, lambda: [many.plain(run) for run in few], share, 2.0)
     large = Case(100_000, range(1), 20)
-    work = "sonar pf, 100,000 particles × 1 run × 20 steps, both cores"
-    with cloud.threads(2):
-        yield faster(work, large.estimated, REFERENCE, lambda: large.plain(0), 1.0, 3.0)
+    work = "sonar pf, 100,000 particles × 1 run × 20 steps, one core"
+    yield faster(work, large.estimated, REFERENCE, lambda: large.plain(0), 1.0, 3.0)
 
 
 class Case:

@@ -6,17 +6,12 @@ bit, what it is among others.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.space import Array, Space
-
-if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
 
 # Numbers of one component in a piece: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
 # many that calling NumPy costs little beside them. Of more numbers than these OpenBLAS shares a sum out among its
@@ -24,8 +19,6 @@ if TYPE_CHECKING:
 PIECE = 10_000
 
 Part = TypeVar("Part")
-
-_CREW: ContextVar["tuple[ThreadPoolExecutor | None, int]"] = ContextVar("crew", default=(None, 1))
 
 
 def empty(n: int, count: int, runs: int) -> Array:
@@ -52,35 +45,8 @@ def groups(count: int, runs: int) -> Iterator[slice]:
 
 
 def each(work: Callable[[slice], Part], count: int) -> list[Part]:
-    """What the work gives of each piece of a run's points, in order; the pieces are the same whatever the runs are.
-
-    Within :func:`threads` the pieces are shared out among these.
-    """
-    parts = [slice(first, min(first + PIECE, count)) for first in range(0, count, PIECE)]
-    pool, crew = _CREW.get()
-    if pool is None or len(parts) < crew:
-        return [work(part) for part in parts]
-    # A thread begins without the context of its parent, in which NumPy keeps what to do about a division by zero.
-    others = [pool.submit(copy_context().run, _all, work, parts[k::crew]) for k in range(1, crew)]
-    shares = [_all(work, parts[::crew]), *(other.result() for other in others)]
-    return [shares[k % crew][k // crew] for k in range(len(parts))]
-
-
-@contextmanager
-def threads(number: int) -> Iterator[None]:
-    """Within this context, so many threads share the pieces of a large cloud."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(max(1, number - 1)) as pool:
-        token = _CREW.set((pool if number > 1 else None, number))
-        try:
-            yield
-        finally:
-            _CREW.reset(token)
-
-
-def _all(work: Callable[[slice], Part], parts: list[slice]) -> list[Part]:
-    return [work(part) for part in parts]
+    """What the work gives of each piece of a run's points, in order; the pieces are the same whatever the runs are."""
+    return [work(slice(first, min(first + PIECE, count))) for first in range(0, count, PIECE)]
 
 
 def fill(room: Array, components: tuple[Any, ...]) -> None:

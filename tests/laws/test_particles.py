@@ -35,22 +35,6 @@ def test_a_cloud_alone_is_to_the_last_bit_what_it_is_among_others(name, more):
         np.testing.assert_allclose(together.whitened[..., run], alone.whitened[..., 0], rtol=1e-12)
 
 
-def test_threads_share_the_pieces_of_a_large_cloud_and_change_nothing():
-    experiment = settings("scenario=sonar", "filter=pf", f"filter.particles={2 * LARGE}")
-    problem, noise = experiment.scenario, experiment.noise.filter
-    record = problem.simulate(Streams(2, "sonar"), range(1), noise).first(8)
-    record.readings.values[:, 5] = np.inf  # what would warn, were the threads not told to say nothing of it
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
-    expected = estimate(experiment.filter, motion, sensor, record)
-    for number in (2, 3):
-        with cloud.threads(number):
-            found = estimate(experiment.filter, motion, sensor, record)
-        np.testing.assert_array_equal(found.mean, expected.mean)
-        np.testing.assert_array_equal(found.cov, expected.cov)
-        np.testing.assert_array_equal(found.notes["ess"], expected.notes["ess"])
-    np.testing.assert_array_equal(np.flatnonzero(found.notes["vanished"]), [5])
-
-
 class Chosen(Draws):
     """Given numbers in the place of drawn ones."""
 
