@@ -46,7 +46,7 @@ def transpose(a: Array) -> Array:
 
 
 def summed(terms: Array, axis: int) -> Array:
-    """The sum along an axis, one after another.
+    """The sum along an axis, one after another, of terms that lie in memory in the order of their axes.
 
     NumPy adds in another order where the axis is the last of more than one entry, and a filter near losing its way
     magnifies the difference: a run alone shall be what it is among others.
