@@ -19,8 +19,12 @@ def wrap(angle: Any) -> Any:
 def cos_sin(angle: Any) -> tuple[Any, Any]:
     """Cosine and sine of an angle [rad], to 2e-16, by the tangent of its half.
 
-    NumPy's tangent is vectorised where its cosine and sine of doubles are not: both in a quarter of the time.
+    NumPy's tangent is vectorised where its cosine and sine of doubles are not: both in a quarter of the time. An angle
+    that is no number yet (estlab.compiled.symbols) has a way of its own.
     """
+    if (own := getattr(angle, "cos_sin", None)) is not None:
+        cosine, sine = own()
+        return cosine, sine
     half = np.tan(0.5 * angle)
     square = half * half
     whole = 1.0 / (1.0 + square)

@@ -1,0 +1,138 @@
+"""Object code, kept between starts.
+
+A file is named by a hash of all that it was made of: the program's text in LLVM's language, and the processor. It begins
+with a hash of the rest, so what is damaged is found and made anew. It is written beside its place and moved there, so of
+processes that start at once each finds it whole or not at all. All of it may be deleted at any time.
+"""
+
+import ctypes
+import hashlib
+import logging
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from estlab.errors import printable
+
+log = logging.getLogger("estlab")
+
+_BUILT: dict[tuple[str, str], "Program"] = {}
+
+
+class Program:
+    """Machine code in memory, with what keeps it there."""
+
+    def __init__(self, code: bytes) -> None:
+        binding, machine = _machine()
+        engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+        engine.add_object_file(binding.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        self._engine = engine
+
+    def function(self, name: str) -> Callable[[int], None]:
+        """A function of the program that takes one address and gives nothing."""
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+        return kind(self._engine.get_function_address(name))
+
+
+def folder() -> Path:
+    """Where compiled code is kept: below ESTLAB_CACHE, or below estlab in the user's folder for caches."""
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(os.environ.get("ESTLAB_CACHE") or caches / "estlab") / "compiled"
+
+
+def lanes() -> int:
+    """How many doubles a register of this processor holds."""
+    features = _machine_features()
+    return 8 if "+avx512f" in features else 4 if "+avx" in features.split(",") else 2
+
+
+def program(text: str) -> Program:
+    """The program of this text: from this process, from the folder, or compiled now."""
+    digest = hashlib.sha256(f"{_processor()}\0{text}".encode()).hexdigest()
+    key = str(folder()), digest
+    if key not in _BUILT:
+        began = time.perf_counter()
+        code = _kept(digest)
+        found = "found compiled" if code else "compiled"
+        if code is None:
+            code = compiled(text)
+            _keep(digest, code)
+        _BUILT[key] = Program(code)
+        log.info("the filter's steps were %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
+    return _BUILT[key]
+
+
+def compiled(text: str) -> bytes:
+    """Object code for this processor."""
+    binding, machine = _machine()
+    module = binding.parse_assembly(f'target triple = "{machine.triple}"\n{text}')
+    module.verify()
+    return machine.emit_object(module)
+
+
+@cache
+def _machine() -> tuple[Any, Any]:
+    import llvmlite.binding as binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    target = binding.Target.from_default_triple()
+    machine = target.create_target_machine(cpu=binding.get_host_cpu_name(), features=_machine_features(), opt=2)
+    return binding, machine
+
+
+@cache
+def _machine_features() -> str:
+    import llvmlite.binding as binding
+
+    return binding.get_host_cpu_features().flatten()
+
+
+@cache
+def _processor() -> str:
+    import llvmlite
+    import llvmlite.binding as binding
+
+    parts = llvmlite.__version__, binding.get_default_triple(), binding.get_host_cpu_name(), _machine_features()
+    return "\0".join(parts)
+
+
+def _kept(digest: str) -> bytes | None:
+    """What is kept under this name, None if nothing or if it is damaged."""
+    path = folder() / f"{digest}.o"
+    try:
+        whole = path.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(whole[32:]).digest() == whole[:32]:
+        return whole[32:]
+    _warn(f"{path}: compiled code there is damaged and is made anew")
+    return None
+
+
+def _keep(digest: str, code: bytes) -> None:
+    place = folder()
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=place, suffix=".part", delete=False) as aside:
+            aside.write(hashlib.sha256(code).digest() + code)
+        Path(aside.name).replace(place / f"{digest}.o")
+    except OSError as error:
+        _warn(
+            f"{place}: compiled code cannot be kept here ({error.strerror}) and is made anew at each start; "
+            "set ESTLAB_CACHE to a folder that can be written"
+        )
+
+
+@lru_cache
+def _warn(message: str) -> None:
+    """Once, and by one process."""
+    if multiprocessing.parent_process() is None:
+        print(f"estlab: warning: {printable(message)}", file=sys.stderr)

@@ -1,0 +1,186 @@
+"""Exact derivatives of a traced model, by differentiating its graph node by node."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from estlab.compiled.algebra import Matrix, is_zero, minus, plus, times
+from estlab.compiled.graph import Graph
+from estlab.compiled.rules import operation
+from estlab.compiled.symbols import Expressions, Symbol
+from estlab.compiled.trace import Refused, Tracer
+
+Slopes = dict[int, Any]  # by the number of the variable; what is not there is zero
+
+
+class Traced:
+    """A model of several vectors, traced by itself, whose derivatives are then wanted at other components.
+
+    sizes: of the vectors it is given; None for a single number. size: of what it answers.
+    """
+
+    def __init__(self, function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> None:
+        self._tracer = Tracer()
+        self._given = [
+            self._tracer.leaf(f"{k}", 0) if count is None else self._tracer.leaves(f"{k}", count)
+            for k, count in enumerate(sizes)
+        ]
+        self.values = self._tracer.call(function, *self._given, shape=(size,))
+        self._slopes: dict[tuple[int, ...], Any] = {}
+
+    def jacobian(self, vectors: tuple[int, ...]) -> Matrix:
+        """Rows of the derivatives of each value in the components of these vectors."""
+        if vectors not in self._slopes:
+            variables = [symbol.number for k in vectors for symbol in self._given[k]]
+            self._slopes[vectors] = derived(self._tracer.graph, self.values, variables)
+        return self._slopes[vectors]
+
+    def hessians(self, vectors: tuple[int, ...]) -> list[Matrix]:
+        """For each value, rows of its second derivatives in the components of these vectors."""
+        variables = [symbol.number for k in vectors for symbol in self._given[k]]
+        return [derived(self._tracer.graph, row, variables) for row in self.jacobian(vectors)]
+
+    def at(self, tracer: Tracer, answer: Any, *given: Any) -> Any:
+        """An answer of this trace, nested lists, in another with these components in the place of the vectors."""
+        replaced: dict[int, int] = {}
+        for own, others in zip(self._given, given, strict=True):
+            pairs = [(own, others)] if isinstance(own, Symbol) else zip(own, others, strict=True)
+            for leaf, other in pairs:
+                component = other if isinstance(other, Symbol) else tracer.constant(other)
+                replaced[leaf.number] = component.number
+        flat: list[Any] = []
+        _flatten(answer, flat)
+        wanted = [symbol.number for symbol in flat if isinstance(symbol, Symbol)]
+        places = transplanted(self._tracer.graph, wanted, tracer.graph, replaced)
+        return _replaced(answer, lambda symbol: Symbol(tracer.graph, places[symbol.number]))
+
+
+def transplanted(source: Graph, outputs: Sequence[int], target: Graph, replaced: dict[int, int]) -> dict[int, int]:
+    """Where the nodes of one graph that outputs are made of come to stand in another, some of them replaced."""
+    places = dict(replaced)
+    for number in source.needed(outputs):
+        if number in places:
+            continue
+        name = str(source.nodes[number][0])
+        if name == "const":
+            places[number] = target.constant(source.values[number])
+        elif name in ("true", "false"):
+            places[number] = target.truth(name == "true")
+        else:
+            places[number] = operation(target, name, *[places[a] for a in source.arguments(number)])
+    return places
+
+
+def _flatten(answer: Any, found: list[Any]) -> None:
+    for part in answer:
+        if isinstance(part, list):
+            _flatten(part, found)
+        else:
+            found.append(part)
+
+
+def _replaced(answer: Any, function: Callable[[Symbol], Symbol]) -> Any:
+    if isinstance(answer, list):
+        return [_replaced(part, function) for part in answer]
+    if isinstance(answer, Symbol):
+        symbol = function(answer)
+        value = symbol.graph.values.get(symbol.number)
+        return value if value == 0.0 else symbol
+    return answer
+
+
+def derived(graph: Expressions, values: Sequence[Any], variables: Sequence[int]) -> Matrix:
+    """Rows of the derivatives of the values in the variables; 0.0 where there is none."""
+    outputs = [value.number for value in values if isinstance(value, Symbol)]
+    slopes: dict[int, Slopes] = {number: {j: Symbol(graph, graph.constant(1.0))} for j, number in enumerate(variables)}
+    for number in graph.needed(outputs):
+        if number in slopes:
+            continue
+        given = graph.arguments(number)
+        if any(slopes.get(a) for a in given) and not graph.is_boolean(number):
+            slopes[number] = _chain(graph, number, given, slopes)
+    return [
+        [slopes.get(value.number, {}).get(j, 0.0) if isinstance(value, Symbol) else 0.0 for j in range(len(variables))]
+        for value in values
+    ]
+
+
+def _chain(graph: Expressions, number: int, given: tuple[int, ...], slopes: dict[int, Slopes]) -> Slopes:
+    """The slopes of a node from those of what it is made of."""
+    name = str(graph.nodes[number][0])
+    parts = [Symbol(graph, a) for a in given]
+    if name in ("select", "min", "max"):
+        # That of the one taken; NumPy takes the first of two equal ones no more than the second, and neither is wrong.
+        condition = parts[0] if name == "select" else parts[0] < parts[1] if name == "min" else parts[0] > parts[1]
+        yes, no = (slopes.get(a, {}) for a in given[-2:])
+        return {j: _either(graph, condition, yes.get(j, 0.0), no.get(j, 0.0)) for j in {*yes, *no}}
+    rule = RULES.get(name)
+    if rule is None:
+        raise Refused(f"there is no derivative of {name}")
+    factors = rule(Symbol(graph, number), *parts)
+    found: Slopes = {}
+    for a, factor in zip(given, factors, strict=True):
+        for j, slope in slopes.get(a, {}).items():
+            found[j] = plus(found.get(j, 0.0), times(_entry(factor), slope))
+    return {j: slope for j, slope in found.items() if not is_zero(slope)}
+
+
+def _entry(factor: Any) -> Any:
+    """A factor, of which a zero counts as none."""
+    return 0.0 if isinstance(factor, Symbol) and factor.graph.values.get(factor.number) == 0.0 else factor
+
+
+def _either(graph: Expressions, condition: Symbol, yes: Any, no: Any) -> Symbol:
+    parts = [part.number if isinstance(part, Symbol) else graph.constant(part) for part in (yes, no)]
+    return Symbol(graph, operation(graph, "select", condition.number, *parts))
+
+
+def _of(symbol: Symbol, name: str) -> Symbol:
+    return Symbol(symbol.graph, operation(symbol.graph, name, symbol.number))
+
+
+def _angle(value: Symbol, y: Symbol, x: Symbol) -> tuple[Any, Any]:
+    square = x * x + y * y
+    return x / square, -y / square
+
+
+def _signed(value: Symbol, a: Symbol) -> tuple[Any]:
+    """Of |a|: the sign, 0 at 0."""
+    graph = a.graph
+    sign = operation(graph, "copysign", graph.constant(1.0), a.number)
+    return (_either(graph, a == 0.0, 0.0, Symbol(graph, sign)),)
+
+
+def _copied(value: Symbol, a: Symbol, b: Symbol) -> tuple[Any, Any]:
+    graph = a.graph
+    same = operation(graph, "copysign", graph.constant(1.0), a.number)
+    other = operation(graph, "copysign", graph.constant(1.0), b.number)
+    return Symbol(graph, same) * Symbol(graph, other), 0.0
+
+
+def _remaining(value: Symbol, a: Symbol, b: Symbol) -> tuple[Any, Any]:
+    return 1.0, -_of(a / b, "floor")
+
+
+# What each argument's slope is multiplied by.
+RULES: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "add": lambda f, a, b: (1.0, 1.0),
+    "sub": lambda f, a, b: (1.0, -1.0),
+    "mul": lambda f, a, b: (b, a),
+    "div": lambda f, a, b: (1.0 / b, -f / b),
+    "neg": lambda f, a: (-1.0,),
+    "abs": _signed,
+    "copysign": _copied,
+    "sqrt": lambda f, a: (0.5 / f,),
+    "floor": lambda f, a: (0.0,),
+    "rint": lambda f, a: (0.0,),
+    "sin": lambda f, a: (_of(a, "cos"),),
+    "cos": lambda f, a: (-_of(a, "sin"),),
+    "tan": lambda f, a: (1.0 + f * f,),
+    "arctan2": _angle,
+    "hypot": lambda f, a, b: (a / f, b / f),
+    "remainder": _remaining,
+    "exp": lambda f, a: (f,),
+    "log": lambda f, a: (1.0 / a,),
+}
+
+__all__ = ["Traced", "derived", "minus", "transplanted"]

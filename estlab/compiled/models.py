@@ -1,0 +1,156 @@
+"""A motion and a sensor as a trace asks for them: values, derivatives, noise."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from estlab.compiled.algebra import Matrix, Row
+from estlab.compiled.derivatives import Traced
+from estlab.compiled.symbols import Symbol
+from estlab.compiled.trace import Refused, Tracer
+from estlab.maths.space import TURN, Space
+
+Model = Callable[..., Any]
+
+
+def wrapped(space: Space, values: Row) -> Row:
+    """Angles brought back to half a turn; see estlab.maths.space.wrap."""
+    return [wrap(value) if i in space.angles else value for i, value in enumerate(values)]
+
+
+def wrap(angle: Any) -> Any:
+    """The same angle in [-pi, pi]."""
+    if not isinstance(angle, Symbol):
+        return angle
+    turns = angle / TURN
+    return angle - TURN * rounded(turns)
+
+
+def rounded(a: Symbol) -> Symbol:
+    """The nearest whole number."""
+    found: Symbol = a.rint()
+    return found
+
+
+def root(a: Any) -> Any:
+    """The square root."""
+    return a.sqrt()
+
+
+@dataclass(frozen=True)
+class MotionModel:
+    """estlab.models.contract.Motion, by its parts. controls: how many components a command has."""
+
+    space: Space
+    move: Model
+    noises: int
+    controls: int
+    jacobians: Model | None
+    hessians: Model | None
+
+    def value(self, tracer: Tracer, state: Row, control: Row, noise: Row | None, dt: Any) -> Row:
+        """The state after; no noise is -0, which added to a number leaves it as it is."""
+        silent = [tracer.constant(-0.0)] * self.noises
+        found: Row = tracer.call(
+            self.move, state, control, silent if noise is None else noise, dt, shape=(self.space.size,)
+        )
+        return found
+
+    def slopes(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> tuple[Matrix, Matrix]:
+        """Rows of the derivatives in state and noise: stated, or found where what is stated cannot be traced."""
+        if self.jacobians is not None:
+            jacobians, n, q = self.jacobians, self.space.size, self.noises
+            try:
+                joined = tracer.call(
+                    lambda *given: _side_by_side(jacobians(*given), n), state, control, dt, shape=(n, n + q)
+                )
+            except Refused:
+                pass
+            else:
+                return [row[:n] for row in joined], [row[n:] for row in joined]
+        given = (state, control, self._silent, dt)
+        in_state = self._traced.at(tracer, self._traced.jacobian((0,)), *given)
+        return in_state, self._traced.at(tracer, self._traced.jacobian((2,)), *given)
+
+    def curvatures(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
+        """For each component, rows of its second derivatives in the state."""
+        n = self.space.size
+        if self.hessians is not None:
+            try:
+                return list(tracer.call(self.hessians, state, control, dt, shape=(n, n, n)))
+            except Refused:
+                pass
+        return list(self._traced.at(tracer, self._traced.hessians((0,)), state, control, self._silent, dt))
+
+    def joint_curvatures(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
+        """For each component, rows of its second derivatives in state and noise."""
+        return list(self._traced.at(tracer, self._traced.hessians((0, 2)), state, control, self._silent, dt))
+
+    @property
+    def _silent(self) -> list[float]:
+        return [-0.0] * self.noises
+
+    @cached_property
+    def _traced(self) -> Traced:
+        return Traced(self.move, (self.space.size, self.controls, self.noises, None), self.space.size)
+
+
+def _side_by_side(pair: Any, n: int) -> Any:
+    in_state, in_noise = pair
+    return [[*a, *b] for a, b in zip(in_state, in_noise, strict=True)]
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """estlab.models.contract.Sensor, by its parts, giving ``count`` readings about as many places at once.
+
+    coordinates: how many components a place has. single: the space of one reading.
+    """
+
+    single: Space
+    state: Space
+    measure: Model
+    coordinates: int
+    slope: Model | None
+    hessians: Model | None
+    count: int = 1
+
+    @property
+    def space(self) -> Space:
+        """Of all readings together."""
+        return self.single if self.count == 1 else self.single.repeat(self.count)
+
+    def value(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> Row:
+        """The readings without noise."""
+        shape = (self.single.size,)
+        return [part for place in places for part in tracer.call(self.measure, state, place, shape=shape)]
+
+    def slopes(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> Matrix:
+        """Rows of the derivatives in the state."""
+        return [row for place in places for row in self._slopes(tracer, state, place)]
+
+    def _slopes(self, tracer: Tracer, state: Row, place: Row) -> Matrix:
+        if self.slope is not None:
+            try:
+                return list(tracer.call(self.slope, state, place, shape=(self.single.size, self.state.size)))
+            except Refused:
+                pass
+        return list(self._traced.at(tracer, self._traced.jacobian((0,)), state, place))
+
+    def curvatures(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> list[Matrix]:
+        """For each number read, rows of its second derivatives in the state."""
+        return [matrix for place in places for matrix in self._curvatures(tracer, state, place)]
+
+    def _curvatures(self, tracer: Tracer, state: Row, place: Row) -> list[Matrix]:
+        n = self.state.size
+        if self.hessians is not None:
+            try:
+                return list(tracer.call(self.hessians, state, place, shape=(self.single.size, n, n)))
+            except Refused:
+                pass
+        return list(self._traced.at(tracer, self._traced.hessians((0,)), state, place))
+
+    @cached_property
+    def _traced(self) -> Traced:
+        return Traced(self.measure, (self.state.size, self.coordinates), self.single.size)

@@ -1,0 +1,304 @@
+"""Whole programs: loops over groups of runs, steps and readings around the pieces of a filter.
+
+A group of runs goes through one step before the next, so that its beliefs stay in the nearest cache and rows of the
+histories are written in stretches. Where the runs do not fill the last vector, it begins earlier and does some runs
+twice, to the same numbers.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from estlab.compiled import emit
+from estlab.compiled.emit import Access
+from estlab.compiled.functions import Lowered
+from estlab.compiled.kernels import Piece, slots
+from estlab.compiled.rules import operation
+from estlab.compiled.symbols import Symbol
+
+_IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
+_ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+
+# What a program is given, in this order, as 64 bits each: addresses and numbers.
+FIELDS = (
+    "runs", "first", "last", "steps", "readings", "controls", "noises",  # columns of the last two: runs, or 1
+    "parameter", "lapse", "control", "noise", "which", "noise_rows", "bounds", "value", "target", "place", "places",
+    "pause", "at_rest", "belief", "room", "mean", "cov", "whitened", "log_scale", "gated",
+    "smooth_mean", "smooth_cov",
+)  # fmt: skip
+_POINTERS = frozenset(FIELDS) - {
+    "runs", "first", "last", "steps", "readings", "controls", "noises", "noise_rows", "places", "pause"
+}  # fmt: skip
+
+
+def accesses(lanes: int, each_control: bool, each_noise: bool, coordinates: int) -> dict[str, Access]:
+    """How all that pieces load and store lies in memory."""
+    return {
+        "belief": Access("lanes", str(lanes)),
+        "parameter": Access("one"),
+        "lapse": Access("value"),
+        "control": Access("lanes" if each_control else "one", "%control_stride"),
+        "noise": Access("lanes" if each_noise else "one", "%noise_stride"),
+        "value": Access("lanes", "%value_stride"),
+        "place": Access("place", "%place_stride", max(coordinates, 1)),
+        "mean": Access("lanes", "%history_stride"),
+        "cov": Access("lanes", "%history_stride"),
+        "whitened": Access("lanes", "%value_stride"),
+        "log_scale": Access("lanes", "%value_stride"),
+        "gated": Access("lanes"),
+        "before_mean": Access("lanes", "%history_stride"),
+        "before_cov": Access("lanes", "%history_stride"),
+    }
+
+
+def piece_of(name: str, piece: Piece, access: Mapping[str, Access], lanes: int) -> tuple[list[str], int, str]:
+    """A piece as a function, how many nodes it has, and the text of its call with parameters by their names."""
+    graph = piece.tracer.graph
+    nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in piece.outputs]
+    lowered = Lowered(graph, nodes, [symbol.number for symbol in piece.failed])
+    arithmetic = lowered.graph
+    outputs = [
+        (kind, index, node) for (kind, index, _), node in zip(piece.outputs, lowered.outputs, strict=True)
+    ]
+    if outputs and arithmetic.nodes[lowered.beyond][0] != "false":
+        slot = slots(piece.n) - 2
+        known = arithmetic.leaf("belief", slot)
+        outputs.append(("belief", slot, operation(arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), known)))
+    order = arithmetic.needed(node for _, _, node in outputs)
+    used = {str(arithmetic.nodes[number][1]) for number in order if arithmetic.nodes[number][0] == "leaf"}
+    used |= {kind for kind, _, _ in outputs}
+    own = {kind: how for kind, how in access.items() if kind in used}
+    return emit.function(name, arithmetic, outputs, own, lanes), len(order), _call(name, own)
+
+
+def _call(name: str, own: dict[str, Access]) -> str:
+    return f"call void @{name}({emit.parameters(own)})"
+
+
+def loop(name: str, first: str, last: str, body: Sequence[str]) -> list[str]:
+    """The body for %name from first to last."""
+    return [
+        f"br label %{name}_in",
+        f"{name}_in:",
+        f"br label %{name}_head",
+        f"{name}_head:",
+        f"%{name} = phi i64 [{first}, %{name}_in], [%{name}_next, %{name}_tail]",
+        f"%{name}_more = icmp slt i64 %{name}, {last}",
+        f"br i1 %{name}_more, label %{name}_body, label %{name}_out",
+        f"{name}_body:",
+        *body,
+        f"br label %{name}_tail",
+        f"{name}_tail:",
+        f"%{name}_next = add i64 %{name}, 1",
+        f"br label %{name}_head",
+        f"{name}_out:",
+    ]
+
+
+def when(name: str, condition: str, body: Sequence[str]) -> list[str]:
+    """The body if the condition, an i1, is true."""
+    return [f"br i1 {condition}, label %{name}_yes, label %{name}_end", f"{name}_yes:", *body,
+            f"br label %{name}_end", f"{name}_end:"]  # fmt: skip
+
+
+def filtering(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int, lanes: int) -> str:
+    """The program of a filter: pieces predict, pause (where there is one), update and record."""
+    functions, calls = _functions(pieces, access, lanes)
+    body = [
+        *loop("v0", "%begin", "%end", [*_at("v0", n, lanes), *_moved("v0", n, lanes, "load")]),
+        *loop(
+            "k",
+            "%first",
+            "%last",
+            [
+                *_row("lapse_at", "lapse", "%k"),
+                "%dt = load double, ptr %lapse_at, align 8",
+                "%passes = fcmp ogt double %dt, 0.0",
+                *when("going", "%passes", _predicting("v1", "%k", "%dt", calls["predict"], n, lanes, access)),
+                *_bounds(),
+                *loop("i", "%i_first", "%i_last", _reading(calls, n, lanes, access)),
+                *loop("v3", "%begin", "%end", [*_at("v3", n, lanes), *_recorded("v3", "%k", calls["record"])]),
+            ],
+        ),
+        *loop("v4", "%begin", "%end", [*_at("v4", n, lanes), *_moved("v4", n, lanes, "store")]),
+    ]
+    return _program(functions, body, n, lanes)
+
+
+def smoothing(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int, lanes: int) -> str:
+    """The program of a smoother: pieces smooth and record; from the last step to the first."""
+    functions, calls = _functions(pieces, access, lanes)
+    back = [
+        "%k1 = sub i64 %last, %kk",
+        "%k = sub i64 %k1, 1",
+        "%before = sub i64 %k, 1",
+        *_row("lapse_at", "lapse", "%k"),
+        "%dt = load double, ptr %lapse_at, align 8",
+        "%passes = fcmp ogt double %dt, 0.0",
+        *when("going", "%passes", _predicting("v1", "%k", "%dt", calls["smooth"], n, lanes, access, "%before")),
+        *loop("v3", "%begin", "%end", [*_at("v3", n, lanes), *_recorded("v3", "%before", calls["record"], "smooth_")]),
+    ]
+    body = [
+        *loop("v0", "%begin", "%end", [*_at("v0", n, lanes), *_moved("v0", n, lanes, "load")]),
+        "%count = sub i64 %last, 1",
+        *loop("kk", "0", "%count", back),
+        *loop("v4", "%begin", "%end", [*_at("v4", n, lanes), *_moved("v4", n, lanes, "store")]),
+    ]
+    return _program(functions, body, n, lanes)
+
+
+def _functions(
+    pieces: Mapping[str, Piece], access: Mapping[str, Access], lanes: int
+) -> tuple[list[str], dict[str, str]]:
+    lines, calls = [], {}
+    for name, piece in pieces.items():
+        text, _, calls[name] = piece_of(name, piece, access, lanes)
+        lines += text
+    return lines, calls
+
+
+def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
+    together = max(1, _IN_CACHE // (slots(n) * lanes))
+    lines = [*emit.declarations(lanes), *functions, "define void @run(ptr %fields) #0 {", "entry:"]
+    for i, name in enumerate(FIELDS):
+        kind = "ptr" if name in _POINTERS else "i64"
+        lines += [
+            f"%{name}_field = getelementptr i64, ptr %fields, i64 {i}",
+            f"%{name} = load {kind}, ptr %{name}_field, align 8",
+        ]
+    lines += [
+        "%pause_time = bitcast i64 %pause to double",
+        "%history_stride = mul i64 %steps, %runs",
+        "%value_stride = mul i64 %readings, %runs",
+        "%control_stride = mul i64 %steps, %controls",
+        "%noise_stride = mul i64 %noise_rows, %noises",
+        "%place_stride = add i64 %places, 0",
+        f"%whole = add i64 %runs, {lanes - 1}",
+        f"%vectors = sdiv i64 %whole, {lanes}",
+        f"%more = add i64 %vectors, {together - 1}",
+        f"%groups = sdiv i64 %more, {together}",
+        f"%latest = sub i64 %runs, {lanes}",
+    ]
+    group = [
+        f"%begin = mul i64 %g, {together}",
+        f"%full = add i64 %begin, {together}",
+        "%short = icmp slt i64 %vectors, %full",
+        "%end = select i1 %short, i64 %vectors, i64 %full",
+        *body,
+    ]
+    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", _ATTRIBUTES, ""])
+
+
+def _at(v: str, n: int, lanes: int) -> list[str]:
+    """%<v>_r, the first run of a vector, and %<v>_s, where its belief is."""
+    return [
+        f"%{v}_m = mul i64 %{v}, {lanes}",
+        f"%{v}_c = icmp slt i64 %latest, %{v}_m",
+        f"%{v}_r = select i1 %{v}_c, i64 %latest, i64 %{v}_m",
+        f"%{v}_d = sub i64 %{v}, %begin",
+        f"%{v}_e = mul i64 %{v}_d, {slots(n) * lanes}",
+        f"%{v}_s = getelementptr double, ptr %room, i64 %{v}_e",
+    ]
+
+
+def _moved(v: str, n: int, lanes: int, way: str) -> list[str]:
+    """Beliefs from between two calls into the group's room, or back."""
+    kind, lines = f"<{lanes} x double>", []
+    for slot in range(slots(n)):
+        x = f"%{v}_{slot}"
+        lines += [
+            f"{x}_a = mul i64 %runs, {slot}",
+            f"{x}_b = add i64 {x}_a, %{v}_r",
+            f"{x}_o = getelementptr double, ptr %belief, i64 {x}_b",
+            f"{x}_i = getelementptr double, ptr %{v}_s, i64 {slot * lanes}",
+        ]
+        there, back = (f"{x}_o", f"{x}_i") if way == "load" else (f"{x}_i", f"{x}_o")
+        lines += [f"{x}_v = load {kind}, ptr {there}, align 8", f"store {kind} {x}_v, ptr {back}, align 8"]
+    return lines
+
+
+def _row(found: str, array: str, row: str, columns: str = "1", column: str = "0", kind: str = "double") -> list[str]:
+    """The address of an entry of an array of so many columns."""
+    return [
+        f"%{found}_w = mul i64 {row}, {columns}",
+        f"%{found}_x = add i64 %{found}_w, {column}",
+        f"%{found} = getelementptr {kind}, ptr %{array}, i64 %{found}_x",
+    ]
+
+
+def _filled(call: str, given: Mapping[str, str]) -> str:
+    """A call with its parameters replaced by these."""
+    head, _, rest = call.partition("(")
+    parts = [part.rsplit(" ", 1) for part in rest.rstrip(")").split(", ")] if rest != ")" else []
+    return f"{head}({', '.join(f'{kind} {given.get(name, name)}' for kind, name in parts)})"
+
+
+def _predicting(
+    v: str, k: str, dt: str, call: str, n: int, lanes: int, access: Mapping[str, Access], before: str = "0"
+) -> list[str]:
+    """A piece that goes over a step, for all vectors of the group."""
+    control = f"%{v}_r" if access["control"].kind == "lanes" else "0"
+    noise = f"%{v}_r" if access["noise"].kind == "lanes" else "0"
+    body = [
+        *_at(v, n, lanes),
+        *_row(f"{v}_control", "control", k, "%controls", control),
+        *_row(f"{v}_which", "which", k, kind="i64"),
+        f"%{v}_number = load i64, ptr %{v}_which, align 8",
+        *_row(f"{v}_noise", "noise", f"%{v}_number", "%noises", noise),
+        *_row(f"{v}_mean", "mean", before, "%runs", f"%{v}_r"),
+        *_row(f"{v}_cov", "cov", before, "%runs", f"%{v}_r"),
+    ]
+    given = {
+        "%belief": f"%{v}_s", "%control": f"%{v}_control", "%noise": f"%{v}_noise", "%lapse": dt,
+        "%before_mean": f"%{v}_mean", "%before_cov": f"%{v}_cov",
+    }  # fmt: skip
+    return loop(v, "%begin", "%end", [*body, _filled(call, given)])
+
+
+def _bounds() -> list[str]:
+    return [
+        *_row("bound", "bounds", "%k", kind="i64"),
+        "%i_first = load i64, ptr %bound, align 8",
+        "%bound_next = getelementptr i64, ptr %bound, i64 1",
+        "%i_last = load i64, ptr %bound_next, align 8",
+    ]
+
+
+def _reading(calls: Mapping[str, str], n: int, lanes: int, access: Mapping[str, Access]) -> list[str]:
+    """All vectors of the group given reading %i."""
+    body = [
+        *_at("v2", n, lanes),
+        *_row("v2_value", "value", "%i", "%runs", "%v2_r"),
+        *_row("v2_target", "target", "%i", "%runs", "%v2_r", "i64"),
+        *_row("v2_whitened", "whitened", "%i", "%runs", "%v2_r"),
+        *_row("v2_log_scale", "log_scale", "%i", "%runs", "%v2_r"),
+    ]
+    given = {
+        "%belief": "%v2_s", "%value": "%v2_value", "%target": "%v2_target",
+        "%whitened": "%v2_whitened", "%log_scale": "%v2_log_scale",
+    }  # fmt: skip
+    if "pause" in calls:
+        noise = "%v2_r" if access["noise"].kind == "lanes" else "0"
+        resting = given | {
+            "%control": "%at_rest", "%control_stride": "0", "%noise": "%v2_noise", "%lapse": "%pause_time",
+        }  # fmt: skip
+        body += [
+            "%last_row = sub i64 %noise_rows, 1",
+            *_row("v2_noise", "noise", "%last_row", "%noises", noise),
+            "%further = icmp sgt i64 %i, %i_first",
+            *when("resting", "%further", [_filled(calls["pause"], resting)]),
+        ]
+    return loop("v2", "%begin", "%end", [*body, _filled(calls["update"], given)])
+
+
+def _recorded(v: str, k: str, call: str, array: str = "") -> list[str]:
+    given = {"%belief": f"%{v}_s", "%mean": f"%{v}_mean", "%cov": f"%{v}_cov", "%gated": f"%{v}_gated"}
+    return [
+        *_row(f"{v}_mean", f"{array}mean", k, "%runs", f"%{v}_r"),
+        *_row(f"{v}_cov", f"{array}cov", k, "%runs", f"%{v}_r"),
+        *_row(f"{v}_gated", "gated", k, "%runs", f"%{v}_r"),
+        _filled(call, given),
+    ]
+
+
+def room(n: int, lanes: int) -> int:
+    """How many numbers the beliefs of a group take."""
+    return max(1, _IN_CACHE // (slots(n) * lanes)) * slots(n) * lanes

@@ -1,0 +1,129 @@
+"""The update with a reading: one gain for the family, and its repetition about what it found."""
+
+import math
+from typing import Any, NamedTuple
+
+from estlab.compiled.algebra import Matrix, Row, added, inner, matmul, minus, plus, solve_lower, symmetric, times
+from estlab.compiled.algebra import total, transpose
+from estlab.compiled.kernels import Piece, Steps, predicted_reading, slots, unless
+from estlab.compiled.models import wrapped
+from estlab.compiled.moments import Moments, along_tangent, factored
+from estlab.compiled.symbols import Symbol
+
+
+class Reading(NamedTuple):
+    """What was measured (m numbers), what of it is missing, and the places it is about."""
+
+    values: Row
+    missing: list[Symbol]
+    places: list[Row]
+
+
+class Found(NamedTuple):
+    """A belief given a reading; the whitened innovation and the diagonal of its factor."""
+
+    mean: Row
+    cov: Matrix
+    whitened: Row
+    scales: Row
+    gated: Symbol | None
+
+
+def reading_of(steps: Steps, piece: Piece) -> Reading:
+    """The reading as it is given: NaN was not measured."""
+    sensor, tracer = steps.sensor, piece.tracer
+    values = tracer.leaves("value", sensor.space.size)
+    places = [
+        [tracer.leaf("place", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
+        for k in range(sensor.count)
+    ]
+    return Reading(values, [value != value for value in values], places)  # noqa: PLR0124 - NaN is not
+
+
+def updated(steps: Steps, piece: Piece) -> None:
+    """The belief given the reading, how it fitted, and whether it was refused."""
+    mean, cov = piece.belief()
+    reading = reading_of(steps, piece)
+    moments = predicted_reading(steps, piece, mean, cov, reading.places)
+    first = found = condition(steps, piece, mean, cov, moments, reading, steps.method.gated)
+    for _ in range(steps.method.iterations - 1):
+        found = again(steps, piece, mean, cov, found, reading)
+        if first.gated is not None:
+            # What passed the gate once is not asked again.
+            kept = [piece.choose(first.gated, first.mean[i], found.mean[i]) for i in range(steps.n)]
+            found = found._replace(mean=kept, cov=chosen(piece, first.gated, first.cov, found.cov))
+    piece.keep(found.mean, found.cov)
+    fit(steps, piece, reading, first.whitened, first.scales, first.gated)
+
+
+def chosen(piece: Piece, condition: Symbol, yes: Matrix, no: Matrix) -> Matrix:
+    """One symmetric matrix or the other."""
+    return symmetric(len(yes), lambda i, j: piece.choose(condition, yes[i][j], no[i][j]))
+
+
+def again(steps: Steps, piece: Piece, mean: Row, cov: Matrix, found: Found, reading: Reading) -> Found:
+    """The update once more, the sensor's tangent taken where the last one led."""
+    sensor, tracer = steps.sensor, piece.tracer
+    offset = wrapped(sensor.state, [minus(mean[i], found.mean[i]) for i in range(steps.n)])
+    slopes = sensor.slopes(tracer, found.mean, reading.places)
+    value = sensor.value(tracer, found.mean, reading.places)
+    moved = [plus(value[a], inner(slopes[a], offset)) for a in range(len(value))]
+    moments = along_tangent(moved, slopes, cov)
+    moments = moments._replace(cov=added(moments.cov, steps.reading_noise(tracer, factor=False)))
+    return condition(steps, piece, mean, cov, moments, reading, gate=False)
+
+
+def condition(
+    steps: Steps, piece: Piece, mean: Row, cov: Matrix, moments: Moments, reading: Reading, gate: bool
+) -> Found:
+    """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing is independent of the state."""
+    sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
+    missing = reading.missing
+    innovation = wrapped(sensor.space, [minus(reading.values[a], moments.mean[a]) for a in range(m)])
+    innovation = [unless(missing[a], piece, innovation[a], 0.0) for a in range(m)]
+    cross = [[unless(missing[a], piece, moments.cross[c][a], 0.0) for a in range(m)] for c in range(n)]
+    factor = factored(without(piece, moments.cov, missing), piece.failed)
+    both = solve_lower(factor, [[*row, innovation[a]] for a, row in enumerate(transpose(cross, m))])
+    half_gain, whitened = [row[:n] for row in both], [row[n] for row in both]
+    gated = refused(steps, piece, whitened, missing) if gate else None
+    if gated is not None:
+        half_gain = [[unless(gated, piece, entry, 0.0) for entry in row] for row in half_gain]
+    moved = [plus(mean[c], total(times(half_gain[a][c], whitened[a]) for a in range(m))) for c in range(n)]
+    less = matmul(transpose(half_gain, n), half_gain)
+    shrunk = symmetric(n, lambda i, j: minus(cov[i][j], less[i][j]))
+    return Found(wrapped(sensor.state, moved), shrunk, whitened, [factor[a][a] for a in range(m)], gated)
+
+
+def without(piece: Piece, cov: Matrix, missing: list[Symbol]) -> Matrix:
+    """A covariance in which what is missing is independent and of unit variance."""
+
+    def entry(i: int, j: int) -> Any:
+        return unless(missing[i] if i == j else missing[i] | missing[j], piece, cov[i][j], float(i == j))
+
+    return symmetric(len(cov), entry)
+
+
+def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol]) -> Symbol:
+    """Whether the squared length of the innovation lies beyond the gate's quantile for so many numbers."""
+    nis = total(entry * entry for entry in whitened)
+    count = total(piece.choose(absent, 0.0, 1.0) for absent in missing)
+    limit: Any = math.inf
+    for k in range(1, len(missing) + 1):
+        quantile = steps.parameters.leaf(piece.tracer, f"quantile {k}", steps.quantiles[k])
+        limit = piece.choose(count == float(k), quantile, limit)
+    found: Symbol = nis > limit
+    return found
+
+
+def fit(
+    steps: Steps, piece: Piece, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None
+) -> None:
+    """How the reading fitted; NaN where nothing was measured or used."""
+    for a, absent in enumerate(reading.missing):
+        unused = absent if gated is None else absent | gated
+        piece.outputs.append(("whitened", a, piece.choose(unused, math.nan, whitened[a])))
+        piece.outputs.append(("log_scale", a, piece.choose(unused, math.nan, scales[a].log())))
+    if gated is not None:
+        at = slots(steps.n) - 1
+        count = piece.tracer.leaf("belief", at)
+        piece.outputs.append(("belief", at, count + piece.choose(gated, 1.0, 0.0)))

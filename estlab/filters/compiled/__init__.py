@@ -1,1 +1,0 @@
-"""The filter loop as compiled code, from the models' own source: ``engine=numba``."""

@@ -1,1 +1,0 @@
-"""What is compiled: the Gaussian family in numbers."""

@@ -1,0 +1,50 @@
+"""What the code compiled for a filter has to know of it: see estlab.compiled.kernels.Method."""
+
+from typing import cast
+
+import numpy as np
+
+from estlab.compiled.kernels import Method, PointSet
+from estlab.filters.contract import Filter
+from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
+from estlab.filters.square_root import SquareRootFilter
+from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, SigmaPoints, Simplex, SymmetricSigmaPoints
+from estlab.maths.transforms import Linearised, SecondOrder
+from estlab.models.contract import Motion, Sensor
+
+_POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
+
+
+def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
+    """The method; the sensor's count of numbers is that of one update. Raises ValueError for another filter."""
+    n, q, m = motion.space.size, motion.noise_size, sensor.space.size
+    transform = getattr(filter, "transform", None)
+    if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
+        points = _points(transform, n)
+        return Method("factors", points, points, gated=filter.gate is not None)
+    if type(filter) not in (GaussianFilter, DeadReckoning, IteratedFilter):
+        raise ValueError(
+            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter; "
+            "take engine=numpy"
+        )
+    filter = cast(GaussianFilter, filter)
+    augmented, gated = filter.noise == "augmented", filter.gate is not None
+    iterations = filter.iterations if isinstance(filter, IteratedFilter) else 1
+    updating = not isinstance(filter, DeadReckoning)
+    if type(transform) is Linearised:
+        # Along a tangent both kinds of noise are the same.
+        return Method("tangent", iterations=iterations, updating=updating, gated=gated)
+    if type(transform) is SecondOrder and iterations == 1:
+        return Method(transform.form, augmented=augmented, updating=updating, gated=gated)
+    if type(transform) in _POINTS and iterations == 1:
+        of_motion, of_sensor = (_points(transform, n + (more if augmented else 0)) for more in (q, m))
+        return Method("points", of_motion, of_sensor, augmented, updating=updating, gated=gated)
+    raise ValueError("it knows no transform of this kind; take engine=numpy")
+
+
+def _points(transform: SigmaPoints, axes: int) -> PointSet:
+    if isinstance(transform, SymmetricSigmaPoints):
+        return PointSet(transform.spread2(axes), bonus=float(transform.bonus()))
+    listed = transform.offsets(np.eye(axes))
+    rows = tuple(tuple(map(float, row)) for row in listed)
+    return PointSet(listed=rows, weights=tuple(map(float, transform.weights(axes))), bonus=float(transform.bonus()))

@@ -1,0 +1,48 @@
+"""Readings in the shape that compiled code takes them in: one at a time, or all of a step's as one."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estlab.maths.space import Array
+from estlab.record import Readings
+
+
+class Stack(NamedTuple):
+    """Readings of ``count`` slots each.
+
+    step: (K,). values: (count * m, K, runs), NaN where a slot is empty. target: (count, K, runs).
+    reading, slot: which of the stacked, and which slot, each of the original readings (N,) is in.
+    """
+
+    count: int
+    step: Array
+    values: Array
+    target: Array
+    reading: Array
+    slot: Array
+
+    def apart(self, stacked: Array) -> Array:
+        """What was found of the stacked readings (count * m, K, runs) as of the original ones (m, N, runs)."""
+        parts = stacked.reshape(self.count, -1, *stacked.shape[1:])
+        return np.moveaxis(parts[self.slot, :, self.reading], 1, 0)
+
+
+def one_by_one(readings: Readings, runs: int) -> Stack:
+    """Each reading by itself, for the first runs."""
+    every = np.arange(readings.step.size)
+    values = np.ascontiguousarray(readings.values[:, :, :runs], dtype=float)
+    target = np.ascontiguousarray(readings.target[None, :, :runs], dtype=np.int64)
+    return Stack(1, readings.step, values, target, every, np.zeros_like(every))
+
+
+def stacked(readings: Readings, runs: int) -> Stack:
+    """All readings of a step as one, for the first runs."""
+    step, reading = np.unique(readings.step, return_inverse=True)
+    slot = np.arange(reading.size) - np.searchsorted(reading, reading)
+    count, m = int(slot.max(initial=0)) + 1, readings.values.shape[0]
+    values = np.full((count, m, step.size, runs), np.nan)
+    target = np.zeros((count, step.size, runs), dtype=np.int64)
+    values[slot, :, reading] = np.moveaxis(readings.values[:, :, :runs], 1, 0)
+    target[slot, reading] = readings.target[:, :runs]
+    return Stack(count, step, values.reshape(count * m, step.size, runs), target, reading, slot)
