@@ -29,7 +29,7 @@ class Program:
     """Machine code in memory, with what keeps it there."""
 
     def __init__(self, code: bytes) -> None:
-        binding, machine = _machine()
+        binding, machine = _machine()  # its own: the engine ends it
         engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
         engine.add_object_file(binding.ObjectFileRef.from_data(code))
         engine.finalize_object()
@@ -77,7 +77,6 @@ def compiled(text: str) -> bytes:
     return machine.emit_object(module)
 
 
-@cache
 def _machine() -> tuple[Any, Any]:
     import llvmlite.binding as binding
 
