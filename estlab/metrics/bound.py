@@ -91,11 +91,18 @@ def _of_reading(slopes: Array, record: Record, sensor: Sensor, state: Array, i: 
 
 
 def _informed(slopes: Array, seen: list[Array]) -> Array:
-    """Along directions scaled anew, so that their information is the identity again."""
+    """Along directions turned and scaled anew, so that their information is the identity again.
+
+    With A A' the information of the readings and A = U S V', the whole of it is U (1 + S^2) U'. It is never formed,
+    so that noises so small that 1 would be lost beside S^2 leave a bound.
+    """
     size, n, runs = slopes.shape
-    information = np.eye(size) + sum(part @ part.T for part in seen) / runs
-    scaled = np.linalg.solve(np.linalg.cholesky(information), slopes.reshape(size, n * runs))
-    return np.asarray(scaled.reshape(slopes.shape))
+    columns = np.concatenate([np.empty((size, 0)), *seen], axis=1)
+    columns = columns[:, columns.any(axis=0)]  # less what is missing
+    triangle = np.asarray(np.linalg.qr(columns.T / np.sqrt(runs), mode="r"))
+    basis, sizes, _ = np.linalg.svd(triangle.T)
+    scale = np.hypot(1.0, np.concatenate([sizes, np.zeros(size - sizes.size)]))
+    return np.asarray((basis.T @ slopes.reshape(size, n * runs) / scale[:, None]).reshape(slopes.shape))
 
 
 def _condensed(slopes: Array, functions: Array) -> Array:
