@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import UserError, WorkerLostError, printable
+from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -174,6 +174,8 @@ def write_page(folder: Path) -> None:
         page.write(folder)
     except OSError as error:
         complain(f"{error.filename}: {error.strerror}; the page is missing, draw it later with estlab report {folder}")
+    except Exception as error:
+        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
 
 
 def simulate_job(config: "DictConfig") -> int:
@@ -219,7 +221,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
 
 def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
-    if isinstance(error, (UserError, WorkerLostError)):
+    if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)

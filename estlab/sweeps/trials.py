@@ -7,7 +7,6 @@ import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -66,14 +65,21 @@ def write(sweep: Path, trials: Sequence[Trial]) -> None:
     files.write_text(sweep, TUNING, text.getvalue())
 
 
-def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> None:
-    """Draw plots/tuning.png from tuning.csv."""
+def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str]:
+    """Draw plots/tuning.png from tuning.csv; what could not be drawn."""
     from estlab.report import tuning
+    from estlab.report.figures import png
 
     if not ranked(trials):
-        return
-    figure = tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words)
-    files.write(sweep, f"{rundir.PLOTS}/tuning.png", partial(figure.savefig, format="png", dpi=110))
+        return []
+    try:
+        content = png(tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words))
+    except Warning:
+        raise
+    except Exception as error:
+        return [f"missing: tuning.png ({type(error).__name__}: {error})"]
+    files.write(sweep, f"{rundir.PLOTS}/tuning.png", lambda stream: stream.write(content))
+    return []
 
 
 def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[str]:

@@ -156,7 +156,7 @@ class Tuning:
             table.write_all(self.directory, planned, outcomes, repeats=1)
             trials.write(self.directory, self.trials)
             if self.config.plots:
-                trials.draw(self.directory, self.trials, self.objective)
+                notes += trials.draw(self.directory, self.trials, self.objective)
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
