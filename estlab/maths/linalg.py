@@ -164,41 +164,54 @@ def semidefinite(p: Array, factor: Array) -> None:
     the modified Gram-Schmidt method. Higham 2002, section 10.3; Bjoerck 1967. Without pivots what rounding leaves of
     zeros is divided by what it leaves of others. A matrix further from semidefinite than rounding has no factor.
 
-    Written in what a compiler for numbers knows too: estlab.filters.compiled.kernel.
+    In plain numbers, since it is compiled too: estlab.filters.compiled.kernel.
     """
     n = p.shape[0]
     slack = n * ROUNDING
-    scale = np.sqrt(np.maximum(np.diag(p), 0.0))
-    rest = np.zeros((n, n))
+    rest, rows = np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1):
-            size = scale[i] * scale[j]
+            size = math.sqrt(max(p[i, i], 0.0)) * math.sqrt(max(p[j, j], 0.0))
             if size > 0.0:
                 rest[i, j] = rest[j, i] = p[i, j] / size
             elif p[i, j] != 0.0:
                 return
-    rows = np.zeros((n, n))
     for c in range(n):
-        best = np.argmax(np.diag(rest))
+        best = 0
+        for i in range(n):
+            if rest[i, i] > rest[best, best]:
+                best = i
         if rest[best, best] <= slack:
             break
-        rows[:, c] = rest[:, best] / np.sqrt(rest[best, best])
-        rest -= np.outer(rows[:, c], rows[:, c])
-    if np.abs(rest).max() > slack:
-        return
+        pivot = math.sqrt(rest[best, best])
+        for i in range(n):
+            rows[i, c] = rest[i, best] / pivot
+        for i in range(n):
+            for j in range(n):
+                rest[i, j] -= rows[i, c] * rows[j, c]
     for i in range(n):
-        for k in range(n):
+        for j in range(n):
+            if abs(rest[i, j]) > slack:
+                return
+    for i in range(n):
+        scale = math.sqrt(p[i, i])
+        for k in range(i + 1):
+            along = 0.0
+            for c in range(n):
+                along += rows[i, c] * rows[k, c]
+            if k == i:
+                # What of the row lies along none before it: its length, to which it is scaled.
+                along = math.sqrt(along)
+                if along <= slack:
+                    along = 0.0
+                for c in range(n):
+                    rows[i, c] = rows[i, c] / along if along > 0.0 else 0.0
+            else:
+                for c in range(n):
+                    rows[i, c] -= along * rows[k, c]
+            factor[i, k] = scale * along
+        for k in range(i + 1, n):
             factor[i, k] = 0.0
-        for k in range(i):
-            along = np.sum(rows[i] * rows[k])
-            factor[i, k] = scale[i] * along
-            rows[i] -= along * rows[k]
-        length = np.sqrt(np.sum(rows[i] * rows[i]))
-        if length > slack:
-            factor[i, i] = scale[i] * length
-            rows[i] /= length
-        else:
-            rows[i] = 0.0
 
 
 def solve_lower(factor: Array, b: Array) -> Array:

@@ -91,18 +91,12 @@ def _of_reading(slopes: Array, record: Record, sensor: Sensor, state: Array, i: 
 
 
 def _informed(slopes: Array, seen: list[Array]) -> Array:
-    """Along directions turned and scaled anew, so that their information is the identity again.
-
-    With A A' the information of the readings and A = U S V', the whole of it is U (1 + S^2) U'. It is never formed,
-    so that noises so small that 1 would be lost beside S^2 leave a bound.
-    """
+    """Along directions scaled anew, so that their information is the identity again."""
     size, n, runs = slopes.shape
-    columns = np.concatenate([np.empty((size, 0)), *seen], axis=1)
-    columns = columns[:, columns.any(axis=0)]  # less what is missing
-    triangle = np.asarray(np.linalg.qr(columns.T / np.sqrt(runs), mode="r"))
-    basis, sizes, _ = np.linalg.svd(triangle.T)
-    scale = np.hypot(1.0, np.concatenate([sizes, np.zeros(size - sizes.size)]))
-    return np.asarray((basis.T @ slopes.reshape(size, n * runs) / scale[:, None]).reshape(slopes.shape))
+    # The information is R'R, and is never formed: squares of readings 1e8 times as good as the start would hide the 1.
+    stacked = np.concatenate([np.eye(size), *(part.T / np.sqrt(runs) for part in seen if part.any())])
+    scaled = np.linalg.solve(np.asarray(np.linalg.qr(stacked, mode="r")).T, slopes.reshape(size, n * runs))
+    return np.asarray(scaled.reshape(slopes.shape))
 
 
 def _condensed(slopes: Array, functions: Array) -> Array:

@@ -1,6 +1,6 @@
 """The tables of an ensemble, by column or by row, from what was tallied."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ from estlab.metrics.verdict import Verdict
 
 Columns = dict[str, Array]
 
+ERRORS = "errors"  # the group of metrics that no run does without
+
 
 class Row(NamedTuple):
     """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval."""
@@ -45,17 +47,44 @@ def _count(metric: str, unit: str, value: float, n: int) -> Row:
     return Row(metric, "all", unit, value, np.nan, np.nan, n)
 
 
-@quietly
 def metric_rows(tally: Tally, verdict: Verdict, bound: Array | None = None) -> list[Row]:
     """Every figure of an ensemble but its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
-    rows = [*_errors(tally), *_all_components(tally), *_efficiency(tally, bound), *_found(tally), *_noted(tally)]
-    if tally.repeated:
-        rows = [row._replace(ci_low=np.nan, ci_high=np.nan) for row in rows]
+    return [row for make in metric_groups(tally, verdict, bound).values() for row in make()]
+
+
+def metric_groups(
+    tally: Tally, verdict: Verdict | None, bound: Array | None = None
+) -> dict[str, Callable[[], list[Row]]]:
+    """The same in groups, by name, each made when it is called; without a verdict there is no row of it."""
+
+    def made(rows: Callable[[], Iterable[Row]]) -> Callable[[], list[Row]]:
+        return quietly(lambda: [_unsure(row) if tally.repeated else row for row in rows()])
+
+    return {
+        ERRORS: made(lambda: _errors(tally)),
+        "shares inside and NEES": made(lambda: _all_components(tally)),
+        "credibility": made(lambda: _credibility(tally)),
+        "NIS": made(lambda: _innovations(tally)),
+        "efficiency": made(lambda: _efficiency(tally, bound)),
+        "found": made(lambda: _found(tally)),
+        "what the filter noted": made(lambda: _noted(tally)),
+        "diverged runs": made(lambda: _diverged(tally)),
+        "verdict": made(lambda: [] if verdict is None else [_verdict(tally, verdict)]),
+    }
+
+
+def _unsure(row: Row) -> Row:
+    return row._replace(ci_low=np.nan, ci_high=np.nan)
+
+
+def _diverged(tally: Tally) -> Iterator[Row]:
     for cause in CAUSES:
-        rows.append(_count(cause, "runs", tally.diverged[cause], tally.runs))
-    rows.append(_count("diverged", "runs", sum(tally.diverged.values()), tally.runs))
-    rows.append(Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs))
-    return rows
+        yield _count(cause, "runs", tally.diverged[cause], tally.runs)
+    yield _count("diverged", "runs", sum(tally.diverged.values()), tally.runs)
+
+
+def _verdict(tally: Tally, verdict: Verdict) -> Row:
+    return Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs)
 
 
 def _errors(tally: Tally) -> Iterator[Row]:
@@ -89,10 +118,17 @@ def _all_components(tally: Tally) -> Iterator[Row]:
     yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
     yield _row("anees", "all", "", positive_interval(moments["anees"]))
     yield _row("anees_converged", "all", "", positive_interval(moments["anees_converged"]))
+
+
+def _credibility(tally: Tally) -> Iterator[Row]:
     if not tally.repeated and not tally.sampled:
         index, inclination = credibility(*tally.first)
         yield _row("noncredibility", "all", "dB", index)
         yield _row("inclination", "all", "dB", inclination)
+
+
+def _innovations(tally: Tally) -> Iterator[Row]:
+    moments = tally.moments
     if int(moments["anis"].count):
         yield _row("anis", "all", "", positive_interval(moments["anis"]))
         yield _row("loglik", "all", "nat", mean_interval(moments["loglik"]))
