@@ -157,7 +157,7 @@ def _findings(settings: Settings, name: str, tally: Tally, bound: Array | None) 
     group = f"filters.{name}" if settings.filters else "filter"
     sampled = next((f"{group}.{key}" for key in ("particles", "members") if hasattr(filter, key)), "")
     verdict = judge(tally, tests, settings.verdict, sampled)
-    return Findings(metric_rows(tally, verdict, bound), tests, verdict)
+    return Findings(metric_rows(tally, tests, verdict, bound), tests, verdict)
 
 
 def _tables(
