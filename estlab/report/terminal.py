@@ -38,7 +38,8 @@ def summary(
     if len(findings) == 1:
         (only,) = findings.values()
         out.print(_components(title, only))
-        out.print(_tests(only))
+        if only.tests:
+            out.print(_tests(only))
         _print_events(out, only)
     else:
         out.print(_filters(title, findings))
@@ -52,7 +53,8 @@ def summary(
             table.add_row(*(cell if isinstance(cell, str) else _cell(cell) for cell in cells))
         out.print(table)
     for name, found in findings.items():
-        out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
+        if found.verdict:
+            out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
     for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
     out.print(Text(where), soft_wrap=True)
