@@ -43,7 +43,7 @@ class Settings:
     keep_runs: int
     block_runs: int | None
     cores: int | None
-    engine: Literal["numpy", "numba"]
+    engine: Literal["auto", "numpy", "compiled"]
     smooth: bool
     verdict: Tolerance
     plots: bool

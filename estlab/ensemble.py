@@ -12,6 +12,7 @@ import numpy as np
 from estlab.blocks import block, block_count
 from estlab.config import Settings
 from estlab.filters.contract import Filter
+from estlab.filters.engine import CompiledLoop
 from estlab.filters.loop import Loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws, Streams
@@ -113,10 +114,21 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
 def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    kind = Loop
-    if settings.engine == "numba":
-        from estlab.filters.compiled.engine import CompiledLoop as kind  # noqa: N813
-    return kind(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+    models = scenario.motion(noise), scenario.sensor(noise, places)
+    if settings.engine == "numpy":
+        return Loop(filter, *models, *scenario.scheme)
+    return CompiledLoop(filter, *models, *scenario.scheme, insist=settings.engine == "compiled")
+
+
+_loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
+
+
+def _kept_loop(settings: Settings, name: str, filter: Filter, places: Array) -> Loop:
+    """The loop of the block before, if there was one with the same settings; else a new one."""
+    known = _loops.get(name)
+    if known is None or known[0] is not settings or not np.array_equal(known[1], places):
+        known = _loops[name] = settings, places, loop_of(settings, filter, places)
+    return known[2]
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
@@ -167,7 +179,7 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
     found: dict[str, Estimates] = {}
     seconds: dict[str, float] = {}
     for name, filter in filters_of(settings, names).items():
-        loop = loop_of(settings, filter, record.places)
+        loop = _kept_loop(settings, name, filter, record.places)
         draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
         loop.prepare(record, draws)
         began = time.perf_counter()

@@ -1,7 +1,7 @@
 """Algebra of small matrices whose entries are components of a trace: rows of them, as the page has it.
 
-An entry that is zero by construction is Python's 0.0: it costs nothing, and what is multiplied by it is 0.0 again. So a
-run of which some number is not finite may keep finite ones that NumPy would lose; who runs the code looks for such runs.
+An entry that is zero by construction is Python's 0.0: it costs nothing, and what is multiplied by it is 0.0 again. So
+a run in which some number is not finite may keep finite ones that NumPy would lose; who runs the code looks for such.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -1,8 +1,8 @@
 """Object code, kept between starts.
 
-A file is named by a hash of all that it was made of: the program's text in LLVM's language, and the processor. It begins
-with a hash of the rest, so what is damaged is found and made anew. It is written beside its place and moved there, so of
-processes that start at once each finds it whole or not at all. All of it may be deleted at any time.
+A file is named by a hash of all that it was made of: the program's text in LLVM's language, and the processor. It
+begins with a hash of the rest, so what is damaged is found and made anew. It is written beside its place and moved
+there, so of processes that start at once each finds it whole or not at all. All of it may be deleted at any time.
 """
 
 import ctypes

@@ -7,7 +7,7 @@ from estlab.compiled.algebra import Matrix, is_zero, minus, plus, times
 from estlab.compiled.graph import Graph
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Expressions, Symbol
-from estlab.compiled.trace import Refused, Tracer
+from estlab.compiled.trace import Tracer, UntraceableError
 
 Slopes = dict[int, Any]  # by the number of the variable; what is not there is zero
 
@@ -20,7 +20,7 @@ class Traced:
 
     def __init__(self, function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> None:
         self._tracer = Tracer()
-        self._given = [
+        self._given: list[Any] = [
             self._tracer.leaf(f"{k}", 0) if count is None else self._tracer.leaves(f"{k}", count)
             for k, count in enumerate(sizes)
         ]
@@ -115,7 +115,7 @@ def _chain(graph: Expressions, number: int, given: tuple[int, ...], slopes: dict
         return {j: _either(graph, condition, yes.get(j, 0.0), no.get(j, 0.0)) for j in {*yes, *no}}
     rule = RULES.get(name)
     if rule is None:
-        raise Refused(f"there is no derivative of {name}")
+        raise UntraceableError(f"there is no derivative of {name}")
     factors = rule(Symbol(graph, number), *parts)
     found: Slopes = {}
     for a, factor in zip(given, factors, strict=True):

@@ -21,8 +21,8 @@ class Access(NamedTuple):
     """How a leaf or an output of this name lies in memory: its entry ``index`` at pointer + index * stride numbers.
 
     kind: "lanes", one run beside the other; "one", the same for all; "value", the parameter itself; "place", at the
-    pointer + index * stride + the number that stands for each lane in %target, whose next row, %value_stride further, is
-    for the next ``columns`` indices.
+    pointer + index * stride + the number that stands for each lane in %target, whose next row, %value_stride further,
+    is for the next ``columns`` indices.
     """
 
     kind: str

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from estlab.compiled.algebra import Matrix, Row
+from estlab.compiled.algebra import Matrix, Row, is_zero
 from estlab.compiled.derivatives import Traced
 from estlab.compiled.symbols import Symbol
-from estlab.compiled.trace import Refused, Tracer
+from estlab.compiled.trace import Tracer, UntraceableError
 from estlab.maths.space import TURN, Space
 
 Model = Callable[..., Any]
@@ -51,10 +51,8 @@ class MotionModel:
 
     def value(self, tracer: Tracer, state: Row, control: Row, noise: Row | None, dt: Any) -> Row:
         """The state after; no noise is -0, which added to a number leaves it as it is."""
-        silent = [tracer.constant(-0.0)] * self.noises
-        found: Row = tracer.call(
-            self.move, state, control, silent if noise is None else noise, dt, shape=(self.space.size,)
-        )
+        given = [-0.0 if is_zero(entry) else entry for entry in noise or self._silent]
+        found: Row = tracer.call(self.move, state, control, given, dt, shape=(self.space.size,))
         return found
 
     def slopes(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> tuple[Matrix, Matrix]:
@@ -65,7 +63,7 @@ class MotionModel:
                 joined = tracer.call(
                     lambda *given: _side_by_side(jacobians(*given), n), state, control, dt, shape=(n, n + q)
                 )
-            except Refused:
+            except UntraceableError:
                 pass
             else:
                 return [row[:n] for row in joined], [row[n:] for row in joined]
@@ -79,7 +77,7 @@ class MotionModel:
         if self.hessians is not None:
             try:
                 return list(tracer.call(self.hessians, state, control, dt, shape=(n, n, n)))
-            except Refused:
+            except UntraceableError:
                 pass
         return list(self._traced.at(tracer, self._traced.hessians((0,)), state, control, self._silent, dt))
 
@@ -134,7 +132,7 @@ class SensorModel:
         if self.slope is not None:
             try:
                 return list(tracer.call(self.slope, state, place, shape=(self.single.size, self.state.size)))
-            except Refused:
+            except UntraceableError:
                 pass
         return list(self._traced.at(tracer, self._traced.jacobian((0,)), state, place))
 
@@ -147,7 +145,7 @@ class SensorModel:
         if self.hessians is not None:
             try:
                 return list(tracer.call(self.hessians, state, place, shape=(self.single.size, n, n)))
-            except Refused:
+            except UntraceableError:
                 pass
         return list(self._traced.at(tracer, self._traced.hessians((0,)), state, place))
 

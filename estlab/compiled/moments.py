@@ -4,8 +4,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from estlab.compiled.algebra import Matrix, Pivots, Row, added, cholesky, inner, is_zero, matmul, minus, plus
-from estlab.compiled.algebra import sandwich, symmetric, times, total, transpose
+from estlab.compiled.algebra import (
+    Matrix,
+    Pivots,
+    Row,
+    added,
+    cholesky,
+    inner,
+    is_zero,
+    matmul,
+    minus,
+    plus,
+    sandwich,
+    symmetric,
+    times,
+    total,
+    transpose,
+)
 from estlab.compiled.models import root
 
 

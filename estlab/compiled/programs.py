@@ -5,16 +5,18 @@ histories are written in stretches. Where the runs do not fill the last vector, 
 twice, to the same numbers.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from estlab.compiled import emit
 from estlab.compiled.emit import Access
+from estlab.compiled.flow import filled, loop, row, when
 from estlab.compiled.functions import Lowered
-from estlab.compiled.kernels import Piece, slots
+from estlab.compiled.pieces import Piece, slots
 from estlab.compiled.rules import operation
-from estlab.compiled.symbols import Symbol
+from estlab.compiled.symbols import Symbol, UntraceableError
 
 _IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
+_MOST_OPERATIONS = 25_000
 _ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
 # What a program is given, in this order, as 64 bits each: addresses and numbers.
@@ -55,13 +57,13 @@ def piece_of(name: str, piece: Piece, access: Mapping[str, Access], lanes: int) 
     nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in piece.outputs]
     lowered = Lowered(graph, nodes, [symbol.number for symbol in piece.failed])
     arithmetic = lowered.graph
-    outputs = [
-        (kind, index, node) for (kind, index, _), node in zip(piece.outputs, lowered.outputs, strict=True)
-    ]
+    outputs = [(kind, index, node) for (kind, index, _), node in zip(piece.outputs, lowered.outputs, strict=True)]
     if outputs and arithmetic.nodes[lowered.beyond][0] != "false":
         slot = slots(piece.n) - 2
         known = arithmetic.leaf("belief", slot)
-        outputs.append(("belief", slot, operation(arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), known)))
+        outputs.append(
+            ("belief", slot, operation(arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), known))
+        )
     order = arithmetic.needed(node for _, _, node in outputs)
     used = {str(arithmetic.nodes[number][1]) for number in order if arithmetic.nodes[number][0] == "leaf"}
     used |= {kind for kind, _, _ in outputs}
@@ -71,32 +73,6 @@ def piece_of(name: str, piece: Piece, access: Mapping[str, Access], lanes: int) 
 
 def _call(name: str, own: dict[str, Access]) -> str:
     return f"call void @{name}({emit.parameters(own)})"
-
-
-def loop(name: str, first: str, last: str, body: Sequence[str]) -> list[str]:
-    """The body for %name from first to last."""
-    return [
-        f"br label %{name}_in",
-        f"{name}_in:",
-        f"br label %{name}_head",
-        f"{name}_head:",
-        f"%{name} = phi i64 [{first}, %{name}_in], [%{name}_next, %{name}_tail]",
-        f"%{name}_more = icmp slt i64 %{name}, {last}",
-        f"br i1 %{name}_more, label %{name}_body, label %{name}_out",
-        f"{name}_body:",
-        *body,
-        f"br label %{name}_tail",
-        f"{name}_tail:",
-        f"%{name}_next = add i64 %{name}, 1",
-        f"br label %{name}_head",
-        f"{name}_out:",
-    ]
-
-
-def when(name: str, condition: str, body: Sequence[str]) -> list[str]:
-    """The body if the condition, an i1, is true."""
-    return [f"br i1 {condition}, label %{name}_yes, label %{name}_end", f"{name}_yes:", *body,
-            f"br label %{name}_end", f"{name}_end:"]  # fmt: skip
 
 
 def filtering(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int, lanes: int) -> str:
@@ -109,7 +85,7 @@ def filtering(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int,
             "%first",
             "%last",
             [
-                *_row("lapse_at", "lapse", "%k"),
+                *row("lapse_at", "lapse", "%k"),
                 "%dt = load double, ptr %lapse_at, align 8",
                 "%passes = fcmp ogt double %dt, 0.0",
                 *when("going", "%passes", _predicting("v1", "%k", "%dt", calls["predict"], n, lanes, access)),
@@ -130,7 +106,7 @@ def smoothing(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int,
         "%k1 = sub i64 %last, %kk",
         "%k = sub i64 %k1, 1",
         "%before = sub i64 %k, 1",
-        *_row("lapse_at", "lapse", "%k"),
+        *row("lapse_at", "lapse", "%k"),
         "%dt = load double, ptr %lapse_at, align 8",
         "%passes = fcmp ogt double %dt, 0.0",
         *when("going", "%passes", _predicting("v1", "%k", "%dt", calls["smooth"], n, lanes, access, "%before")),
@@ -148,10 +124,17 @@ def smoothing(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int,
 def _functions(
     pieces: Mapping[str, Piece], access: Mapping[str, Access], lanes: int
 ) -> tuple[list[str], dict[str, str]]:
-    lines, calls = [], {}
+    lines: list[str] = []
+    calls: dict[str, str] = {}
+    operations = 0
     for name, piece in pieces.items():
-        text, _, calls[name] = piece_of(name, piece, access, lanes)
+        text, count, calls[name] = piece_of(name, piece, access, lanes)
         lines += text
+        operations += count
+    if operations > _MOST_OPERATIONS:
+        raise UntraceableError(
+            f"a step of {operations} operations, of which more than {_MOST_OPERATIONS} would take seconds to compile"
+        )
     return lines, calls
 
 
@@ -215,22 +198,6 @@ def _moved(v: str, n: int, lanes: int, way: str) -> list[str]:
     return lines
 
 
-def _row(found: str, array: str, row: str, columns: str = "1", column: str = "0", kind: str = "double") -> list[str]:
-    """The address of an entry of an array of so many columns."""
-    return [
-        f"%{found}_w = mul i64 {row}, {columns}",
-        f"%{found}_x = add i64 %{found}_w, {column}",
-        f"%{found} = getelementptr {kind}, ptr %{array}, i64 %{found}_x",
-    ]
-
-
-def _filled(call: str, given: Mapping[str, str]) -> str:
-    """A call with its parameters replaced by these."""
-    head, _, rest = call.partition("(")
-    parts = [part.rsplit(" ", 1) for part in rest.rstrip(")").split(", ")] if rest != ")" else []
-    return f"{head}({', '.join(f'{kind} {given.get(name, name)}' for kind, name in parts)})"
-
-
 def _predicting(
     v: str, k: str, dt: str, call: str, n: int, lanes: int, access: Mapping[str, Access], before: str = "0"
 ) -> list[str]:
@@ -239,23 +206,23 @@ def _predicting(
     noise = f"%{v}_r" if access["noise"].kind == "lanes" else "0"
     body = [
         *_at(v, n, lanes),
-        *_row(f"{v}_control", "control", k, "%controls", control),
-        *_row(f"{v}_which", "which", k, kind="i64"),
+        *row(f"{v}_control", "control", k, "%controls", control),
+        *row(f"{v}_which", "which", k, kind="i64"),
         f"%{v}_number = load i64, ptr %{v}_which, align 8",
-        *_row(f"{v}_noise", "noise", f"%{v}_number", "%noises", noise),
-        *_row(f"{v}_mean", "mean", before, "%runs", f"%{v}_r"),
-        *_row(f"{v}_cov", "cov", before, "%runs", f"%{v}_r"),
+        *row(f"{v}_noise", "noise", f"%{v}_number", "%noises", noise),
+        *row(f"{v}_mean", "mean", before, "%runs", f"%{v}_r"),
+        *row(f"{v}_cov", "cov", before, "%runs", f"%{v}_r"),
     ]
     given = {
         "%belief": f"%{v}_s", "%control": f"%{v}_control", "%noise": f"%{v}_noise", "%lapse": dt,
         "%before_mean": f"%{v}_mean", "%before_cov": f"%{v}_cov",
     }  # fmt: skip
-    return loop(v, "%begin", "%end", [*body, _filled(call, given)])
+    return loop(v, "%begin", "%end", [*body, filled(call, given)])
 
 
 def _bounds() -> list[str]:
     return [
-        *_row("bound", "bounds", "%k", kind="i64"),
+        *row("bound", "bounds", "%k", kind="i64"),
         "%i_first = load i64, ptr %bound, align 8",
         "%bound_next = getelementptr i64, ptr %bound, i64 1",
         "%i_last = load i64, ptr %bound_next, align 8",
@@ -266,10 +233,10 @@ def _reading(calls: Mapping[str, str], n: int, lanes: int, access: Mapping[str, 
     """All vectors of the group given reading %i."""
     body = [
         *_at("v2", n, lanes),
-        *_row("v2_value", "value", "%i", "%runs", "%v2_r"),
-        *_row("v2_target", "target", "%i", "%runs", "%v2_r", "i64"),
-        *_row("v2_whitened", "whitened", "%i", "%runs", "%v2_r"),
-        *_row("v2_log_scale", "log_scale", "%i", "%runs", "%v2_r"),
+        *row("v2_value", "value", "%i", "%runs", "%v2_r"),
+        *row("v2_target", "target", "%i", "%runs", "%v2_r", "i64"),
+        *row("v2_whitened", "whitened", "%i", "%runs", "%v2_r"),
+        *row("v2_log_scale", "log_scale", "%i", "%runs", "%v2_r"),
     ]
     given = {
         "%belief": "%v2_s", "%value": "%v2_value", "%target": "%v2_target",
@@ -282,20 +249,20 @@ def _reading(calls: Mapping[str, str], n: int, lanes: int, access: Mapping[str, 
         }  # fmt: skip
         body += [
             "%last_row = sub i64 %noise_rows, 1",
-            *_row("v2_noise", "noise", "%last_row", "%noises", noise),
+            *row("v2_noise", "noise", "%last_row", "%noises", noise),
             "%further = icmp sgt i64 %i, %i_first",
-            *when("resting", "%further", [_filled(calls["pause"], resting)]),
+            *when("resting", "%further", [filled(calls["pause"], resting)]),
         ]
-    return loop("v2", "%begin", "%end", [*body, _filled(calls["update"], given)])
+    return loop("v2", "%begin", "%end", [*body, filled(calls["update"], given)])
 
 
 def _recorded(v: str, k: str, call: str, array: str = "") -> list[str]:
     given = {"%belief": f"%{v}_s", "%mean": f"%{v}_mean", "%cov": f"%{v}_cov", "%gated": f"%{v}_gated"}
     return [
-        *_row(f"{v}_mean", f"{array}mean", k, "%runs", f"%{v}_r"),
-        *_row(f"{v}_cov", f"{array}cov", k, "%runs", f"%{v}_r"),
-        *_row(f"{v}_gated", "gated", k, "%runs", f"%{v}_r"),
-        _filled(call, given),
+        *row(f"{v}_mean", f"{array}mean", k, "%runs", f"%{v}_r"),
+        *row(f"{v}_cov", f"{array}cov", k, "%runs", f"%{v}_r"),
+        *row(f"{v}_gated", "gated", k, "%runs", f"%{v}_r"),
+        filled(call, given),
     ]
 
 

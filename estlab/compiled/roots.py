@@ -3,11 +3,24 @@
 import math
 from typing import Any, NamedTuple
 
-from estlab.compiled.algebra import Matrix, Row, inner, is_zero, matmul, minus, plus, solve_lower
-from estlab.compiled.algebra import solve_lower_transposed, times, total, transpose, triangle
-from estlab.compiled.kernels import Piece, PointSet, Steps, unless
+from estlab.compiled.algebra import (
+    Matrix,
+    Row,
+    inner,
+    is_zero,
+    matmul,
+    minus,
+    plus,
+    solve_lower,
+    solve_lower_transposed,
+    times,
+    total,
+    transpose,
+    triangle,
+)
 from estlab.compiled.models import root, wrapped
 from estlab.compiled.moments import Moments, deviations, factored
+from estlab.compiled.pieces import Piece, PointSet, Steps, unless
 from estlab.compiled.updates import fit, reading_of, refused, without
 
 
@@ -98,7 +111,7 @@ def updated_root(steps: Steps, piece: Piece) -> None:
     less = matmul(kalman_gain, of_value)
     left = [[minus(x, z) for x, z in zip(xs, zs, strict=True)] for xs, zs in zip(found.of_state, less, strict=True)]
     rest = triangle(beside(left, matmul(kalman_gain, noise)), piece.failed, root)
-    kept = ~steps.has(piece, reading.values)
+    kept = ~steps.has(reading.values)
     kept = kept if gated is None else kept | gated
     after = [[piece.choose(kept, matrix[i][j], rest[i][j]) if j <= i else 0.0 for j in range(n)] for i in range(n)]
     piece.keep(wrapped(sensor.state, moved), after)

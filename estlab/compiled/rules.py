@@ -77,7 +77,7 @@ Rule = Callable[[Graph, tuple[int, ...], Values], int | None]
 
 
 def _is(value: float | None, wanted: float) -> bool:
-    return value == wanted and math.copysign(1.0, value) == math.copysign(1.0, wanted)  # type: ignore[arg-type]
+    return value == wanted and math.copysign(1.0, value) == math.copysign(1.0, wanted)
 
 
 def _add(graph: Graph, given: tuple[int, ...], values: Values) -> int | None:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from estlab.compiled.symbols import Expressions, Refused, Symbol, Symbols, node, symbols
+from estlab.compiled.symbols import Expressions, Symbol, Symbols, UntraceableError, node, symbols
 from estlab.compiled.ufuncs import number
 
-__all__ = ["Refused", "Symbol", "Tracer"]
+__all__ = ["Symbol", "Tracer", "UntraceableError"]
 
 _HERE = str(Path(__file__).parent)
 _NUMPY = str(Path(np.__file__).parent)
@@ -40,7 +40,7 @@ class Tracer:
         """What a model answers, as nested lists of components of this shape; None in a shape is any length.
 
         given: numbers, components, or sequences of them, which the model meets as arrays. Constants that are zero come
-        back as Python's 0.0. Raises Refused, naming function, file and line, if it cannot be traced.
+        back as Python's 0.0. Raises UntraceableError, naming function, file and line, if it cannot be traced.
         """
         answers = []
         # Twice, since a model that draws or counts would answer with a constant that is another the next time.
@@ -50,14 +50,14 @@ class Tracer:
                 with np.errstate(all="ignore"):
                     answer = self._answer(function(*arguments), shape)
             except RecursionError as error:
-                raise Refused(f"{_named(function)}: it never ends") from error
+                raise UntraceableError(f"{_named(function)}: it never ends") from error
             except Exception as error:
-                raise Refused(_line(function, error, self._taken())) from error
+                raise UntraceableError(_line(function, error, self._taken())) from error
             if (refusal := self._taken()) is not None:
-                raise Refused(f"{_named(function)}: {refusal}")
+                raise UntraceableError(f"{_named(function)}: {refusal}")
             answers.append(answer)
         if _numbers(answers[0]) != _numbers(answers[1]):
-            raise Refused(f"{_named(function)}: it answers otherwise when it is asked again")
+            raise UntraceableError(f"{_named(function)}: it answers otherwise when it is asked again")
         return answers[0]
 
     def _taken(self) -> str | None:

@@ -248,6 +248,31 @@ UFUNCS: dict[str, Known] = {
 
 # What NumPy calls as a method of each entry of an array of objects.
 METHODS = frozenset(
-    "sqrt square reciprocal rint floor ceil trunc sin cos tan arcsin arccos arctan arctan2 hypot exp log fabs sign "
-    "radians deg2rad degrees rad2deg conjugate logical_not".split()
+    [
+        "sqrt",
+        "square",
+        "reciprocal",
+        "rint",
+        "floor",
+        "ceil",
+        "trunc",
+        "sin",
+        "cos",
+        "tan",
+        "arcsin",
+        "arccos",
+        "arctan",
+        "arctan2",
+        "hypot",
+        "exp",
+        "log",
+        "fabs",
+        "sign",
+        "radians",
+        "deg2rad",
+        "degrees",
+        "rad2deg",
+        "conjugate",
+        "logical_not",
+    ]
 )

@@ -3,11 +3,24 @@
 import math
 from typing import Any, NamedTuple
 
-from estlab.compiled.algebra import Matrix, Row, added, inner, matmul, minus, plus, solve_lower, symmetric, times
-from estlab.compiled.algebra import total, transpose
-from estlab.compiled.kernels import Piece, Steps, predicted_reading, slots, unless
+from estlab.compiled.algebra import (
+    Matrix,
+    Row,
+    added,
+    inner,
+    matmul,
+    minus,
+    plus,
+    solve_lower,
+    symmetric,
+    times,
+    total,
+    transpose,
+)
 from estlab.compiled.models import wrapped
 from estlab.compiled.moments import Moments, along_tangent, factored
+from estlab.compiled.pieces import Piece, Steps, slots, unless
+from estlab.compiled.predictions import predicted_reading
 from estlab.compiled.symbols import Symbol
 
 
@@ -37,7 +50,7 @@ def reading_of(steps: Steps, piece: Piece) -> Reading:
         [tracer.leaf("place", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
         for k in range(sensor.count)
     ]
-    return Reading(values, [value != value for value in values], places)  # noqa: PLR0124 - NaN is not
+    return Reading(values, [value != value for value in values], places)
 
 
 def updated(steps: Steps, piece: Piece) -> None:
@@ -76,7 +89,7 @@ def again(steps: Steps, piece: Piece, mean: Row, cov: Matrix, found: Found, read
 def condition(
     steps: Steps, piece: Piece, mean: Row, cov: Matrix, moments: Moments, reading: Reading, gate: bool
 ) -> Found:
-    """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing is independent of the state."""
+    """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing tells nothing."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
     missing = reading.missing
     innovation = wrapped(sensor.space, [minus(reading.values[a], moments.mean[a]) for a in range(m)])
@@ -115,9 +128,7 @@ def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol]) ->
     return found
 
 
-def fit(
-    steps: Steps, piece: Piece, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None
-) -> None:
+def fit(steps: Steps, piece: Piece, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None) -> None:
     """How the reading fitted; NaN where nothing was measured or used."""
     for a, absent in enumerate(reading.missing):
         unused = absent if gated is None else absent | gated

@@ -1,10 +1,10 @@
-"""What the code compiled for a filter has to know of it: see estlab.compiled.kernels.Method."""
+"""What the code compiled for a filter has to know of it: see estlab.compiled.pieces.Method."""
 
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
-from estlab.compiled.kernels import Method, PointSet
+from estlab.compiled.pieces import Method, PointSet
 from estlab.filters.contract import Filter
 from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
 from estlab.filters.square_root import SquareRootFilter
@@ -12,13 +12,14 @@ from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Si
 from estlab.maths.transforms import Linearised, SecondOrder
 from estlab.models.contract import Motion, Sensor
 
+_MOST_POINTS = 128
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
 def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's count of numbers is that of one update. Raises ValueError for another filter."""
     n, q, m = motion.space.size, motion.noise_size, sensor.space.size
-    transform = getattr(filter, "transform", None)
+    transform: Any = getattr(filter, "transform", None)
     if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
         points = _points(transform, n)
         return Method("factors", points, points, gated=filter.gate is not None)
@@ -45,6 +46,9 @@ def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
 def _points(transform: SigmaPoints, axes: int) -> PointSet:
     if isinstance(transform, SymmetricSigmaPoints):
         return PointSet(transform.spread2(axes), bonus=float(transform.bonus()))
+    weights = transform.weights(axes)
+    if weights.size > _MOST_POINTS:
+        raise ValueError(f"it unrolls {_MOST_POINTS} points at most, not {weights.size}; take engine=numpy")
     listed = transform.offsets(np.eye(axes))
     rows = tuple(tuple(map(float, row)) for row in listed)
-    return PointSet(listed=rows, weights=tuple(map(float, transform.weights(axes))), bonus=float(transform.bonus()))
+    return PointSet(listed=rows, weights=tuple(map(float, weights)), bonus=float(transform.bonus()))

@@ -1,6 +1,6 @@
 """Readings in the shape that compiled code takes them in: one at a time, or all of a step's as one."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,7 +8,8 @@ from estlab.maths.space import Array
 from estlab.record import Readings
 
 
-class Stack(NamedTuple):
+@dataclass(frozen=True)
+class Stack:
     """Readings of ``count`` slots each.
 
     step: (K,). values: (count * m, K, runs), NaN where a slot is empty. target: (count, K, runs).

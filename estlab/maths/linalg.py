@@ -163,8 +163,6 @@ def semidefinite(p: Array, factor: Array) -> None:
     Cholesky's factor with complete pivoting of the correlations, which shows the rank, and its rows made triangular by
     the modified Gram-Schmidt method. Higham 2002, section 10.3; Bjoerck 1967. Without pivots what rounding leaves of
     zeros is divided by what it leaves of others. A matrix further from semidefinite than rounding has no factor.
-
-    In plain numbers, since it is compiled too: estlab.filters.compiled.kernel.
     """
     n = p.shape[0]
     slack = n * ROUNDING

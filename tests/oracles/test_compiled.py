@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estlab.filters.compiled.engine import CompiledLoop, noises
 
 from estlab.errors import UserError
-from estlab.filters.compiled.engine import CompiledLoop, noises
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams

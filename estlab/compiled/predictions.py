@@ -1,0 +1,67 @@
+"""Moments of the state after a step, and of the reading to come: see estlab.filters.gaussian."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from estlab.compiled.algebra import Matrix, Row, added, block_diagonal, plus, sandwich
+from estlab.compiled.models import wrapped
+from estlab.compiled.moments import Moments, along_tangent, bent, by_points, factored
+from estlab.compiled.pieces import Piece, Steps
+
+
+def predicted_state(steps: Steps, piece: Piece, mean: Row, cov: Matrix, control: Row, dt: Any, crossed: int) -> Moments:
+    """The motion's moments, noise included, with the cross-covariance of this many components before."""
+    motion, method, tracer = steps.motion, steps.method, piece.tracer
+    n, noise = steps.n, steps.process_noise(tracer)
+    if method.transform == "points":
+        points = steps.points(tracer, "motion", method.motion)
+        factor = factored(cov, piece.failed)
+        if method.augmented:
+            joint = block_diagonal(factor, noise)
+
+            def move(at: Row) -> Row:
+                return motion.value(tracer, at[:n], control, at[n:], dt)
+
+            return by_points(points, move, list, [*mean, *[0.0] * motion.noises], joint, crossed)
+        moments = by_points(points, lambda at: motion.value(tracer, at, control, None, dt), list, mean, factor, crossed)
+    else:
+        value = motion.value(tracer, mean, control, None, dt)
+        moments = along_tangent(value, motion.slopes(tracer, mean, control, dt)[0], cov)
+        if method.transform != "tangent":
+            if method.augmented:
+                curvatures, joint = motion.joint_curvatures(tracer, mean, control, dt), block_diagonal(cov, noise)
+            else:
+                curvatures, joint = motion.curvatures(tracer, mean, control, dt), cov
+            moments = bent(moments, curvatures, joint, method.transform == "gaussian")
+    if not motion.noises:
+        return moments
+    _, in_noise = motion.slopes(tracer, mean, control, dt)
+    return moments._replace(cov=added(moments.cov, sandwich(in_noise, noise)[1]))
+
+
+def predicted_reading(steps: Steps, piece: Piece, mean: Row, cov: Matrix, places: Sequence[Row]) -> Moments:
+    """The reading's moments, noise included, and its cross-covariance with the state."""
+    sensor, method, tracer = steps.sensor, steps.method, piece.tracer
+    n, m = steps.n, sensor.space.size
+
+    def back(values: Row) -> Row:
+        return wrapped(sensor.space, values)
+
+    if method.transform == "points":
+        points = steps.points(tracer, "sensor", method.sensor)
+        factor = factored(cov, piece.failed)
+        if method.augmented:
+
+            def noisy(at: Row) -> Row:
+                return [plus(value, at[n + i]) for i, value in enumerate(sensor.value(tracer, at[:n], places))]
+
+            joint = block_diagonal(factor, steps.reading_noise(tracer, factor=True))
+            return by_points(points, noisy, back, [*mean, *[0.0] * m], joint, n)
+        moments = by_points(points, lambda at: sensor.value(tracer, at, places), back, mean, factor, n)
+    else:
+        value = sensor.value(tracer, mean, places)
+        moments = along_tangent(value, sensor.slopes(tracer, mean, places), cov)
+        if method.transform in ("gaussian", "modified"):
+            curvatures = sensor.curvatures(tracer, mean, places)
+            moments = bent(moments, curvatures, cov, method.transform == "gaussian")
+    return moments._replace(cov=added(moments.cov, steps.reading_noise(tracer, factor=False)))

@@ -1,0 +1,80 @@
+"""A record as compiled code takes it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estlab.compiled import cache
+from estlab.compiled.pieces import Method
+from estlab.filters.contract import Filter
+from estlab.filters.methods import method_of
+from estlab.filters.stacks import one_by_one, stacked
+from estlab.filters.tables import noise_table
+from estlab.maths.streams import Draws
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Record
+
+
+@dataclass(frozen=True)
+class Work:
+    """A filter with its models, and what to do with several readings at one time: see estlab.filters.loop.Loop."""
+
+    filter: Filter
+    motion: Motion
+    sensor: Sensor
+    scheme: str
+    pause: float
+
+    def method(self) -> Method:
+        """The filter, by what its steps do. Raises ValueError for one that is not compiled, or not with this scheme."""
+        method = method_of(self.filter, self.motion, self.sensor)
+        if self.scheme == "stacked" and method.augmented and method.transform == "points":
+            raise ValueError(
+                "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings "
+                "there are; take engine=numpy"
+            )
+        return method
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the text of a program depends on, besides filter and models.
+
+    controls: components of a command. each_control, each_noise: whether runs have their own. noise: the entries of the
+    process noise that are not zero. count: readings taken as one. lanes: runs at once.
+    """
+
+    controls: int
+    each_control: bool
+    noise: tuple[tuple[int, int], ...]
+    each_noise: bool
+    count: int
+    lanes: int
+
+
+class Given:
+    """A record's arrays, the belief at its start, and their shape. Raises ValueError as Work.method."""
+
+    def __init__(self, work: Work, record: Record, draws: Draws, lanes: int | None) -> None:
+        method = work.method()
+        self.lapse = np.diff(record.time, prepend=record.start)
+        self.pause = work.pause if work.scheme == "interleaved" else 0.0
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            start: Any = work.filter.start(record.prior, draws)
+            self.table = noise_table(work.motion, record.control, self.lapse, self.pause, method.factors_noise)
+        self.mean, self.matrix = start  # a covariance or its factor
+        self.runs = int(self.mean.shape[1])
+        self.stack = (stacked if work.scheme == "stacked" else one_by_one)(record.readings, self.runs)
+        self.control = np.ascontiguousarray(record.control, dtype=float)
+        lanes = lanes or cache.lanes()
+        while lanes > self.runs:
+            lanes //= 2
+        self.shape = Shape(
+            record.control.shape[0],
+            record.control.shape[2] > 1,
+            self.table.places,
+            self.table.entries.shape[2] > 1,
+            self.stack.count,
+            lanes,
+        )

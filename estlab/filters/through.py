@@ -1,0 +1,129 @@
+"""Compiled code over a record: the program of a filter, and what it finds."""
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from estlab.compiled import cache, kernels
+from estlab.compiled.models import MotionModel, SensorModel
+from estlab.compiled.pieces import Piece, Steps, slots
+from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
+from estlab.filters.contract import chi_square_quantile
+from estlab.filters.given import Given, Shape, Work
+from estlab.maths.linalg import cholesky
+from estlab.maths.space import Array
+from estlab.record import Estimates, Readings
+
+
+class Program:
+    """Compiled code for a filter, its models and data of a shape, with its parameters.
+
+    Raises UntraceableError, naming function, file and line, for models that cannot be traced.
+    """
+
+    def __init__(self, work: Work, shape: Shape, smooth: bool) -> None:
+        steps, gated = _steps(work, shape), getattr(work.filter, "gate", None) is not None
+        pieces: dict[str, Piece]
+        if smooth:
+            pieces = {"smooth": kernels.smooth(steps), "record": kernels.record(steps, gated=False)}
+        else:
+            pieces = {"predict": kernels.predict(steps), "update": kernels.update(steps)}
+            pieces["record"] = kernels.record(steps, gated)
+            if work.scheme == "interleaved":
+                pieces["pause"] = kernels.predict(steps, paused=True)
+        access = accesses(shape.lanes, shape.each_control, shape.each_noise, work.sensor.places.shape[0])
+        self.lanes = shape.lanes
+        self.text = (smoothing if smooth else filtering)(pieces, access, steps.n, shape.lanes)
+        self.parameters = np.array([*steps.parameters.values, 0.0])
+        self._program = cache.program(self.text)
+        self._run = self._program.function("run")
+
+    def run(self, fields: dict[str, Any]) -> None:
+        """Run it on arrays and numbers by name."""
+        numbers = [
+            value.ctypes.data if isinstance(value, np.ndarray) else value for value in (fields[name] for name in FIELDS)
+        ]
+        self._run(np.array(numbers, dtype=np.int64).ctypes.data)
+
+
+def _steps(work: Work, shape: Shape) -> Steps:
+    motion, sensor, gate = work.motion, work.sensor, getattr(work.filter, "gate", None)
+    m, coordinates = sensor.space.size, sensor.places.shape[0]
+    cov = np.asarray(sensor.noise_cov, dtype=float)
+    quantiles = np.full(m + 1, np.inf) if gate is None else chi_square_quantile(gate, np.arange(m + 1))
+    return Steps(
+        MotionModel(motion.space, motion.move, motion.noise_size, shape.controls, motion.jacobians, motion.hessians),
+        SensorModel(
+            sensor.space, sensor.state, sensor.measure, coordinates, sensor.slope, sensor.hessians, shape.count
+        ),
+        work.method(),
+        shape.noise,
+        (cov.tolist(), cholesky(cov).tolist()),
+        quantiles.tolist(),
+    )
+
+
+class Through:
+    """A record gone through by compiled code, with what it found."""
+
+    def __init__(self, work: Work, program: Program, given: Given, steps: int) -> None:
+        self.program, self.stack, self.stacked = program, given.stack, work.scheme == "stacked"
+        self.n = n = work.motion.space.size
+        runs, (i, j) = given.runs, np.tril_indices(n)
+        belief = np.zeros((slots(n), runs))
+        belief[:n], belief[n:-2] = given.mean, given.matrix[i, j]
+        whitened, log_scale = np.full((2, *given.stack.values.shape), np.nan)
+        mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
+        gate = getattr(work.filter, "gate", None)
+        self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)
+        bounds = Readings(given.stack.step, given.stack.values, given.stack.target).bounds(steps)
+        places, entries = np.ascontiguousarray(work.sensor.places, dtype=float), given.table.entries
+        self.fields: dict[str, Any] = {
+            "runs": runs, "first": 0, "last": steps, "steps": steps, "readings": given.stack.values.shape[1],
+            "controls": given.control.shape[2], "noises": entries.shape[2], "parameter": program.parameters,
+            "lapse": given.lapse, "control": given.control, "noise": entries, "which": given.table.which,
+            "noise_rows": entries.shape[1], "bounds": bounds.astype(np.int64), "value": given.stack.values,
+            "target": given.stack.target, "place": places, "places": places.shape[1],
+            "pause": int(np.float64(given.pause).view(np.int64)), "at_rest": np.zeros(program.lanes),
+            "belief": belief, "room": np.empty(room(n, program.lanes)), "mean": mean, "cov": cov,
+            "whitened": whitened, "log_scale": log_scale, "gated": gated,
+            "smooth_mean": np.empty(0), "smooth_cov": np.empty(0),
+        }  # fmt: skip
+
+    def go(self, first: int, last: int) -> None:
+        """Over these steps."""
+        self.program.run(self.fields | {"first": first, "last": last})
+
+    def back(self, program: Program) -> "Through":
+        """What is smoothed, from the last step to the first."""
+        found = copy.copy(self)
+        mean, cov = self.estimates.mean.copy(), self.estimates.cov.copy()
+        nothing = np.full_like(self.estimates.whitened, np.nan)
+        found.estimates = Estimates(mean, cov, nothing, nothing, None, {})
+        i, j = np.tril_indices(self.n)
+        belief = np.zeros_like(self.fields["belief"])
+        belief[: self.n], belief[self.n : -2] = mean[:, -1], cov[i, j, -1]
+        own = {"parameter": program.parameters, "belief": belief, "smooth_mean": mean, "smooth_cov": cov}
+        found.fields = self.fields | own
+        program.run(found.fields)
+        return found
+
+    def weak(self, runs: int) -> Array:
+        """Runs in which something was beyond what the code is right for, all of them if they share a belief."""
+        found = self.estimates
+        ends = [part for k in (0, -1) for part in (found.mean[:, k], found.cov[:, :, k])]
+        finite = [np.isfinite(part).all(axis=tuple(range(part.ndim - 1))) for part in ends]
+        weak = np.asarray((self.fields["belief"][-2] != 0.0) | ~np.logical_and.reduce(finite))
+        return np.broadcast_to(weak, (runs,)) if weak.size == 1 else weak
+
+    def whole(self, runs: int) -> Estimates:
+        """What was found of all runs, also of those that share a belief, and of each reading by itself."""
+        e = self.estimates
+        mean, cov, notes, whitened, log_scale = e.mean, e.cov, e.notes, e.whitened, e.log_scale
+        if self.stacked:
+            whitened, log_scale = self.stack.apart(whitened), self.stack.apart(log_scale)
+        if mean.shape[2] < runs:  # they share a belief, and have no readings
+            mean, cov, whitened, log_scale = (np.repeat(array, runs, -1) for array in (mean, cov, whitened, log_scale))
+            notes = {name: np.repeat(array, runs, -1) for name, array in notes.items()}
+        return Estimates(mean, cov, whitened, log_scale, None, notes, e.gate)
