@@ -15,11 +15,16 @@ _STRUCTURAL = {
         "stack", "concatenate", "hstack", "vstack", "column_stack", "atleast_1d", "atleast_2d", "reshape", "ravel",
         "transpose", "moveaxis", "swapaxes", "squeeze", "expand_dims", "broadcast_to", "broadcast_arrays", "take",
         "tile",
-        "repeat", "roll", "flip", "diag", "diagonal", "sum", "prod", "dot", "inner", "outer", "kron", "trace", "cross",
+        "repeat", "roll", "flip", "diag", "diagonal", "dot", "inner", "outer", "kron", "trace", "cross",
         "tensordot", "copy", "split", "array_split", "append", "delete", "block", "shape", "ndim", "size", "tril",
         "triu",
-        "cumsum", "min", "max", "amin", "amax",
     )
+}  # fmt: skip
+
+
+_REDUCED: dict[Any, np.ufunc] = {
+    np.sum: np.add, np.prod: np.multiply, np.min: np.minimum, np.max: np.maximum,
+    np.any: np.logical_or, np.all: np.logical_and,
 }  # fmt: skip
 
 
@@ -33,6 +38,10 @@ def called(graph: Expressions, function: Callable[..., Any], given: Any, options
         return _filled(function, *given, **options)
     if function is np.round and len(given) == 1 and not options.get("decimals"):
         return each(graph, lambda g, a: made(g, "rint", (a,)), given)
+    if function in _REDUCED:
+        array, *axis = given
+        options = {"axis": axis[0] if axis else None} | options
+        return _REDUCED[function].reduce(viewed(np.asarray(boxed(array), object)), **options)
     if function is np.mean:
         total = called(graph, np.sum, given, options)
         return total / (np.size(given[0]) / max(np.size(total), 1))

@@ -144,7 +144,7 @@ def symbols(entries: Sequence[Any], shape: tuple[int, ...] | None = None) -> Sym
     array = np.empty(len(entries), object)
     for i, entry in enumerate(entries):
         array[i] = entry
-    return array.reshape(shape or (len(entries),)).view(Symbols)
+    return array.reshape((len(entries),) if shape is None else shape).view(Symbols)
 
 
 def applied(graph: Expressions, ufunc: np.ufunc, method: str, given: Any, options: Any) -> Any:

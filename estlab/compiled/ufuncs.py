@@ -42,11 +42,11 @@ def _bitwise(name: str) -> Known:
 
 
 def _of_truths(name: str, instead: str) -> Known:
-    """An operation that NumPy gives another meaning between truths."""
+    """An operation that NumPy gives another meaning between truths: what that is, or none where it hangs on the place."""
 
     def known(graph: Graph, a: int, b: int) -> int | str:
         if graph.is_boolean(a) and graph.is_boolean(b):
-            return operation(graph, instead, a, b) if instead else "it subtracts truths, which NumPy refuses"
+            return operation(graph, instead, a, b) if instead else "it adds or subtracts truths: take np.where, & or |"
         return operation(graph, name, number(graph, a), number(graph, b))
 
     return known
@@ -190,7 +190,7 @@ def _same(graph: Graph, a: int) -> int:
 
 
 UFUNCS: dict[str, Known] = {
-    "add": _of_truths("add", "or"),
+    "add": _of_truths("add", ""),
     "subtract": _of_truths("sub", ""),
     "multiply": _of_truths("mul", "and"),
     "minimum": _of_truths("min", "and"),
