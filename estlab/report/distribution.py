@@ -1,0 +1,71 @@
+"""How the runs of an ensemble are spread: RMSE and NEES of each, in one picture."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estlab.maths.space import Space
+from estlab.report.figures import colours, legend_below, logarithmic, new_figure, said, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_OPEN = 1.12  # from end to end of a bin that has one end alone
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -> "Figure":
+    """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way.
+
+    Of what is known of any run: of files without truth there is neither.
+    """
+    chosen = "position" if space.position else space.names[0]
+    unit = space.units[space.position[0] if space.position else 0]
+    panels = {
+        f"RMSE of a run, {short(chosen)} [{said(unit)}]": _bins(by_filter, "rmse", chosen),
+        "NEES / n of a run": _bins(by_filter, "anees", "all"),
+    }
+    panels = {what: bins for what, bins in panels.items() if any(bins.values())}
+    figure, axes = new_figure(1, title, 3.6, columns=max(1, len(panels)))
+    for panel, (what, bins) in zip(axes, panels.items(), strict=False):
+        _draw(panel, bins)
+        panel.set_xlabel(what)
+    axes[0].set_ylabel("runs")
+    if len(by_filter) > 1:
+        legend_below(figure, axes[0])
+    return figure
+
+
+def _bins(by_filter: Mapping[str, Rows], metric: str, component: str) -> dict[str, Rows]:
+    return {
+        name: [_closed(row) for row in rows if (row["metric"], row["component"]) == (metric, component)]
+        for name, rows in by_filter.items()
+    }
+
+
+def _closed(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The same bin, as narrow as others where it has no end."""
+    low, high = float(row["low"]), float(row["high"])
+    return {**row, "low": low if low > 0.0 else high / _OPEN, "high": high if np.isfinite(high) else low * _OPEN}
+
+
+def _draw(panel: "Axes", bins: Mapping[str, Rows]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    for (name, mine), colour in zip(bins.items(), colours(len(bins)), strict=True):
+        # A line at zero wherever bins without runs were left out.
+        counts = {row["low"]: row["runs"] for row in mine}
+        edges = np.unique([edge for row in mine for edge in (row["low"], row["high"])])
+        heights = [counts.get(edge, 0) for edge in edges[:-1]]
+        if mine:
+            panel.stairs(heights, edges, color=colour, lw=1.3, label=short(name), fill=len(bins) == 1, alpha=0.9)
+    panel.set_xscale("log")
+    logarithmic(
+        panel.xaxis,
+        min(row["low"] for rows in bins.values() for row in rows),
+        max(row["high"] for rows in bins.values() for row in rows),
+    )
+    panel.yaxis.set_major_locator(MaxNLocator(integer=True))
