@@ -6,7 +6,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.report.figures import WIDTH, colours, drawable, headed, legend_below, line, named, new_figure, said, short
+from estlab.report.figures import (
+    WIDTH,
+    colours,
+    drawable,
+    headed,
+    labelled,
+    legend_below,
+    line,
+    named,
+    new_figure,
+    said,
+    short,
+)
 from estlab.report.over_time import TRUTH
 from estlab.report.paths import path_of, within
 
@@ -61,9 +73,9 @@ def draw_clouds(
         for axes in panels[len(steps) :]:
             axes.set_axis_off()
         for axes in panels[::across]:
-            axes.set_ylabel(f"{short(space.names[at[1]])} [{said(space.units[at[1]])}]")
+            axes.set_ylabel(labelled(space.names[at[1]], space.units[at[1]], 12))
         for axes in panels[-across:]:
-            axes.set_xlabel(f"{short(space.names[at[0]])} [{said(space.units[at[0]])}]")
+            axes.set_xlabel(labelled(space.names[at[0]], space.units[at[0]], 20))
         _frame(panels[0], [*around, truth], points[at][..., place].reshape(2, -1))
     legend_below(figure, figure.subfigs[0].axes[0])
     return figure
@@ -84,7 +96,7 @@ def _frame(axes: "Axes", around: Sequence[Array], cloud: Array) -> None:
     if places.shape[1] < 2 or np.ptp(places, axis=1).max() <= 0.0:
         known = cloud[:, np.isfinite(cloud).all(axis=0)]
         places = np.quantile(known, [0.01, 0.99], axis=1).T if known.size else places
-    if places.size and (room := 0.05 * float(np.ptp(places, axis=1).max())) > 0.0:
+    if places.size and (room := 0.08 * float(np.ptp(places, axis=1).max())) > 0.0:
         axes.set_xlim(places[0].min() - room, places[0].max() + room)
         axes.set_ylim(places[1].min() - room, places[1].max() + room)
 
@@ -117,9 +129,9 @@ def draw_repeats(arrays: dict[str, Array], filters: Sequence[str], space: Space,
             line(right, {"time": arrays["time"], "off": off[:, run]}, "off", color=colour, lw=0.8, alpha=0.5)
         right.set_ylim(bottom=0.0)
         right.set_xlabel("time [s]")
-        right.set_ylabel(f"distance from {from_what} [{said(space.units[at[0]])}]")
+        right.set_ylabel(labelled(f"distance from {from_what}", space.units[at[0]]))
         if len(at) == 2:
-            left.set_xlabel(f"{short(space.names[at[0]])} [{said(space.units[at[0]])}]")
+            left.set_xlabel(labelled(space.names[at[0]], space.units[at[0]]))
             named(left, space.names[at[1]], space.units[at[1]])
         else:
             left.set_xlabel("time [s]")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.report.figures import colours, legend_below, logarithmic, new_figure, said, short
+from estlab.report.figures import colours, labelled, legend_below, logarithmic, new_figure, said, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,23 +18,22 @@ _WIDE = 30.0  # times from which an axis is logarithmic
 Columns = Mapping[str, Array]
 
 
-def chosen(space: Space, worst: Array) -> list[int]:
+def chosen(worst: Array, position: Sequence[int] = ()) -> list[int]:
     """All components; of more than a person reads, those of the position and the ones that do worst, in their order.
 
     worst: (n,) how badly each does, NaN where that is not known.
     """
-    if space.size <= MOST:
-        return list(range(space.size))
-    first = list(space.position[: MOST // 2]) or [0]
+    if worst.size <= MOST:
+        return list(range(worst.size))
+    first = list(position[: MOST // 2]) or [0]
     others = [int(i) for i in np.argsort(-np.nan_to_num(worst), kind="stable") if i not in first]
     return sorted([*first, *others[: MOST - len(first)]])
 
 
-def remark(space: Space, shown: Sequence[int]) -> str:
-    """What is to be said where only some components are shown; empty where all are."""
-    if len(shown) == space.size:
-        return ""
-    return f"{len(shown)} of {space.size} components, those with the largest RMSE over sigma among them"
+def selection(shown: Sequence[int], size: int) -> str:
+    """What is to be said where only some of so many components are shown; empty where all are."""
+    some = f"{len(shown)} of {size} components are shown, those with the largest RMSE over mean sigma among them"
+    return some if len(shown) < size else ""
 
 
 def ratios(errors: Mapping[str, Columns], size: int) -> Array:
@@ -79,6 +78,6 @@ def draw_components(errors: Mapping[str, Columns], space: Space, title: str) -> 
             axes.set_xticks(at, names, rotation=90 if len(mine) > MOST else 0, fontsize="small")
         else:
             axes.set_xlabel(f"component, by its place among those in {said(unit)}" if len(units) > 1 else "component")
-        axes.set_ylabel(f"[{said(unit)}]")
+        axes.set_ylabel(labelled("RMSE", unit))
     legend_below(figure, panels[0])
     return figure

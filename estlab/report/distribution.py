@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab.maths.space import Space
-from estlab.report.figures import colours, legend_below, logarithmic, new_figure, said, short
+from estlab.report.figures import colours, labelled, legend_below, logarithmic, new_figure, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
     chosen = "position" if space.position else space.names[0]
     unit = space.units[space.position[0] if space.position else 0]
     panels = {
-        f"RMSE of a run, {short(chosen)} [{said(unit)}]": _bins(by_filter, "rmse", chosen),
+        labelled(f"RMSE of a run, {chosen}", unit, 60): _bins(by_filter, "rmse", chosen),
         "NEES / n of a run": _bins(by_filter, "anees", "all"),
     }
     panels = {what: bins for what, bins in panels.items() if any(bins.values())}

@@ -61,10 +61,15 @@ def headed(figure: "Figure", title: str) -> None:
     figure.suptitle("\n".join(map(said, lines)), fontsize="large")
 
 
+def labelled(name: str, unit: str, letters: int = 40, lines: int = 1) -> str:
+    """A quantity and its unit as they stand at an axis, the name in no more lines of so many letters."""
+    parts = textwrap.wrap(printable(name), letters, max_lines=lines, placeholder=" …")
+    return "\n".join(map(said, parts)) + (f" [{said(unit)}]" if unit else "")
+
+
 def named(axes: "Axes", name: str, unit: str) -> None:
     """The name and unit of a panel's component, in lines that a panel is high enough for."""
-    lines = textwrap.wrap(printable(f"{name} [{unit}]"), 20, max_lines=3, placeholder=" …")
-    axes.set_ylabel("\n".join(map(said, lines)))
+    axes.set_ylabel(labelled(name, unit, 20, 2))
 
 
 def legend_below(figure: "Figure", axes: "Axes") -> None:

@@ -40,8 +40,8 @@ def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: r
 
     Where the truth of a component is not known, its estimate and +-3 sigma about that. Of many components some.
     """
-    shown = components.chosen(space, components.ratios(errors, space.size))
-    note = components.remark(space, shown)
+    shown = components.chosen(components.ratios(errors, space.size), space.position)
+    note = components.selection(shown, space.size)
     figure, panels = new_figure(len(shown), f"{title} · {note}" if note else title, 1.7)
     for i, axes in zip(shown, panels, strict=True):
         mine = {name: {key: column[i :: space.size] for key, column in one.items()} for name, one in errors.items()}

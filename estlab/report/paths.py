@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.maths.gaussian import ellipses
 from estlab.maths.space import Array, Space
-from estlab.report.figures import WIDTH, colours, drawable, headed, legend_below, said, short
+from estlab.report.figures import WIDTH, colours, drawable, headed, labelled, legend_below, short
 from estlab.report.over_time import BAND, TRUTH
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def draw_trajectory(arrays: dict[str, Array], filters: Sequence[str], space: Spa
         draw(axes, filters[0])
         _draw_line(axes, arrays, filters, at[0])
         axes.set_xlabel("time [s]")
-        _name(axes.yaxis.set_label_text, space, at[0])
+        axes.set_ylabel(labelled(space.names[at[0]], space.units[at[0]]))
         figure.set_size_inches(WIDTH, 4.6)
     else:
         views = [(at[0], at[other]) for other in range(1, len(at))]
@@ -41,18 +41,14 @@ def draw_trajectory(arrays: dict[str, Array], filters: Sequence[str], space: Spa
         draw(panels[0], filters[0])
         shapes = [_draw_view(axes, arrays, filters, view) for axes, view in zip(panels, views, strict=True)]
         for axes, view in zip(panels, views, strict=True):
-            _name(axes.xaxis.set_label_text, space, view[0])
-            _name(axes.yaxis.set_label_text, space, view[1])
+            axes.set_xlabel(labelled(space.names[view[0]], space.units[view[0]]))
+            axes.set_ylabel(labelled(space.names[view[1]], space.units[view[1]]))
         height = 1.6 + WIDTH * float(np.clip(1.1 * shapes[0], 0.35, 1.0)) if len(views) == 1 else 5.4
         figure.set_size_inches(WIDTH, height)
     for axes in figure.axes:
         axes.grid(alpha=0.3)
     legend_below(figure, figure.axes[0])
     return figure
-
-
-def _name(set_label: Callable[[str], object], space: Space, i: int) -> None:
-    set_label(f"{short(space.names[i])} [{said(space.units[i])}]")
 
 
 def path_of(arrays: dict[str, Array], name: str, filters: Sequence[str], key: str) -> Array:
