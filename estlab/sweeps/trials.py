@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab import rundir
-from estlab.datasets.whole import write_whole
 from estlab.metrics.objective import Objective
 from estlab.report.console import console
+from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
 
@@ -62,7 +62,7 @@ def write(sweep: Path, trials: Sequence[Trial]) -> None:
         values = [trial.job.values[key] for key in keys]
         numbers = ["" if one is None else repr(one) for one in (trial.objective, best if best < math.inf else None)]
         writer.writerow([trial.job.number, trial.job.name, *values, *numbers, trial.state, trial.error])
-    write_whole(sweep / TUNING, lambda stream: stream.write(text.getvalue().encode()))
+    files.write_text(sweep, TUNING, text.getvalue())
 
 
 def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str]:
@@ -78,8 +78,7 @@ def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str
         raise
     except Exception as error:
         return [f"missing: tuning.png ({type(error).__name__}: {error})"]
-    (sweep / rundir.PLOTS).mkdir(exist_ok=True)
-    write_whole(sweep / rundir.PLOTS / "tuning.png", lambda stream: stream.write(content))
+    files.write(sweep, f"{rundir.PLOTS}/tuning.png", lambda stream: stream.write(content))
     return []
 
 

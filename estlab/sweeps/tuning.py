@@ -143,6 +143,8 @@ class Tuning:
                 study.tell(one, trial.objective)
 
     def _conclude(self, work: Work, interrupted: bool) -> int:
+        if state.is_gone(self.directory):
+            return complain(f"{self.directory}: was removed while the sweep wrote to it", FAILED)
         planned = [trial.job for trial in self.trials]
         outcomes = work.outcomes(planned)
         counted = [trial.state == "ok" for trial in self.trials]
