@@ -18,7 +18,7 @@ from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
 from estlab.metrics.each_run import EachRun
 from estlab.metrics.pairwise import Pairwise
-from estlab.metrics.scores import Limits
+from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
 from estlab.scenarios.contract import History
@@ -83,6 +83,7 @@ class Ensemble:
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @quietly
     def add(self, number: int, block: Block) -> None:
         """Take in a block, once."""
         if isinstance(block.totals, str):
@@ -94,6 +95,7 @@ class Ensemble:
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @cached_property
+    @quietly
     def total(self) -> Totals:
         """Of all blocks. Raises RuntimeError where a block's could not be computed."""
         if self.failure:

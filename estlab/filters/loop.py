@@ -213,7 +213,10 @@ class Loop:
 
 def cloud_steps(steps: int) -> list[int]:
     """The steps at which clouds are kept: the first, the last, and each as many times as late as the one before."""
-    return sorted({int(step) - 1 for step in np.rint(np.geomspace(1, steps, _CLOUDS))})
+    kept: list[int] = []
+    for step in np.rint(np.geomspace(1, steps, _CLOUDS)):
+        kept.append(max(int(step) - 1, len(kept) and kept[-1] + 1))
+    return [step for step in kept if step < steps]
 
 
 def _as_arrays(clouds: dict[int, Cloud]) -> dict[str, Array]:

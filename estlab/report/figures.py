@@ -50,7 +50,7 @@ def said(text: str) -> str:
 
 def short(text: str, most: int = _LABEL) -> str:
     """A name as it is drawn where there is little room; matplotlib leaves out a label that begins with a bar below."""
-    text = printable(text)
+    text = " ".join(printable(text).split())
     text = text if len(text) <= most else f"{text[: most - 2]} …"
     return said(f" {text}" if text.startswith("_") else text)
 

@@ -95,12 +95,12 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
         mean = path_of(arrays, name, filters, "mean")[pair][:, steps, 0]
         cov = path_of(arrays, name, filters, "cov")[pair][:, pair][:, :, steps, 0]
         # One larger than the picture, as of a prior that is the whole map, would be all that is seen.
-        fits = np.asarray(3.0 * np.sqrt(np.maximum(cov[0, 0], cov[1, 1])) <= 0.5 * size)
         known = np.isfinite(mean).all(axis=0) & np.isfinite(cov).all(axis=(0, 1))
+        fits = np.maximum(cov[0, 0], cov[1, 1]) <= (size / 6.0) ** 2
         left_out += int((known & ~fits).sum())
         outline = ellipses(mean[:, known & fits], cov[..., known & fits])
         axes.plot(*outline, color=colour if several else BAND, lw=0.8, ls=":" if several else "-")
-    label = "3 sigma of the position" + (f" (but {left_out} too large)" if left_out else "")
+    label = "3 sigma of the position" + (f" ({left_out} too large to draw)" if left_out else "")
     axes.plot([], [], color="0.4" if several else BAND, lw=0.8, label=label)
     known_truth = np.flatnonzero(np.isfinite(truth).all(axis=0))
     if known_truth.size:
