@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_OPEN = 1.12  # from end to end of a bin that has one end alone
-
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -31,8 +29,7 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
     panels = {what: bins for what, bins in panels.items() if any(bins.values())}
     figure, axes = new_figure(1, title, 3.6, columns=max(1, len(panels)))
     for panel, (what, bins) in zip(axes, panels.items(), strict=False):
-        _draw(panel, bins)
-        panel.set_xlabel(what)
+        _draw(panel, bins, what)
     axes[0].set_ylabel("runs")
     if len(by_filter) > 1:
         legend_below(figure, axes[0])
@@ -41,31 +38,31 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
 
 def _bins(by_filter: Mapping[str, Rows], metric: str, component: str) -> dict[str, Rows]:
     return {
-        name: [_closed(row) for row in rows if (row["metric"], row["component"]) == (metric, component)]
+        name: [row for row in rows if (row["metric"], row["component"]) == (metric, component)]
         for name, rows in by_filter.items()
     }
 
 
-def _closed(row: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The same bin, as narrow as others where it has no end."""
-    low, high = float(row["low"]), float(row["high"])
-    return {**row, "low": low if low > 0.0 else high / _OPEN, "high": high if np.isfinite(high) else low * _OPEN}
-
-
-def _draw(panel: "Axes", bins: Mapping[str, Rows]) -> None:
+def _draw(panel: "Axes", bins: Mapping[str, Rows], what: str) -> None:
+    """Bins on a logarithmic axis, which reaches neither zero nor infinity: runs beyond are counted in its name."""
     from matplotlib.ticker import MaxNLocator
 
-    for (name, mine), colour in zip(bins.items(), colours(len(bins)), strict=True):
+    inside = {name: [row for row in rows if _has_ends(row)] for name, rows in bins.items()}
+    for (name, mine), colour in zip(inside.items(), colours(len(bins)), strict=True):
         # A line at zero wherever bins without runs were left out.
         counts = {row["low"]: row["runs"] for row in mine}
         edges = np.unique([edge for row in mine for edge in (row["low"], row["high"])])
         heights = [counts.get(edge, 0) for edge in edges[:-1]]
         if mine:
             panel.stairs(heights, edges, color=colour, lw=1.3, label=short(name), fill=len(bins) == 1, alpha=0.9)
-    panel.set_xscale("log")
-    logarithmic(
-        panel.xaxis,
-        min(row["low"] for rows in bins.values() for row in rows),
-        max(row["high"] for rows in bins.values() for row in rows),
-    )
+    every = [row for rows in inside.values() for row in rows]
+    if every:
+        panel.set_xscale("log")
+        logarithmic(panel.xaxis, min(row["low"] for row in every), max(row["high"] for row in every))
+    beyond = sum(row["runs"] for rows in bins.values() for row in rows if not _has_ends(row))
+    panel.set_xlabel(what + (f"; {beyond} run{'s' * (beyond > 1)} beyond" if beyond else ""))
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _has_ends(row: Mapping[str, Any]) -> bool:
+    return row["low"] > 0.0 and bool(np.isfinite(row["high"]))

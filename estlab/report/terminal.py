@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab.metrics.comparison import against_best
-from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test
+from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WHITENESS, Test
 from estlab.metrics.digits import figure, interval
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.rows import Row
@@ -19,7 +19,14 @@ from estlab.report.console import console
 from estlab.report.findings import Findings
 from estlab.rundir import METRICS
 
-_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations, {}"}
+_TESTS = {
+    NEES: "NEES / {}",
+    NIS: "NIS / {}",
+    BIAS: "bias {} [sigma]",
+    WHITENESS: "correlation of innovations, {}",
+    INSIDE: "share of {} inside 3 sigma",
+}
+_MEANS = {"anees": NEES, "anis": NIS}
 
 
 def summary(
@@ -108,13 +115,13 @@ def _ratio(found: Findings, component: str) -> float:
 
 def _tests(found: Findings) -> Table:
     """A line a test."""
-    table = _table(("is it consistent?", "found", "95 % interval", "should be", "p, Holm"))
+    table = _table(("is it consistent?", "found", "interval, Holm", "should be", "p, Holm"))
     for test in found.tests:
-        expected = f"{test.expected:.0f}"
+        expected = f"{LEAST_INSIDE:.3f} or more" if test.name == INSIDE else f"{test.expected:.0f}"
         table.add_row(
             Text(_TESTS[test.name].format(test.of)),
-            figure(test.found),
-            interval(test.found),
+            figure(test.found, test.expected),
+            interval(test.found, test.expected),
             expected,
             test.why or _p_value(test),
         )
@@ -131,7 +138,7 @@ def _filters(findings: Mapping[str, Findings]) -> Table:
     ]
     heads = {"found": "found", "ess": "ess", "efficiency": "bound / RMSE"}
     names = ["RMSE " + _named(row.component, row.unit) for row in errors]
-    consistent = {"anees": "NEES / n", "anis": "NIS / m"}
+    consistent = {metric: f"{test.upper()} / {_divisor(findings, test)}" for metric, test in _MEANS.items()}
     consistent = {metric: head for metric, head in consistent.items() if any(f.row(metric) for f in findings.values())}
     table = _table(("", *names, *consistent.values(), *(heads[metric] for metric, _ in extra), "diverged"))
     for name, found in findings.items():
@@ -141,6 +148,12 @@ def _filters(findings: Mapping[str, Findings]) -> Table:
         lost = found.row("diverged")
         table.add_row(Text(name), *cells, f"{lost.value:.0f} of {lost.n}" if lost else "")
     return table
+
+
+def _divisor(findings: Mapping[str, Findings], name: str) -> str:
+    """What a column's NEES or NIS is over: n or m, unless it is another of a filter."""
+    found = dict.fromkeys(test.of for one in findings.values() for test in one.tests if test.name == name)
+    return next(iter(found)) if len(found) == 1 else "expected"
 
 
 def _errors(findings: Mapping[str, Findings]) -> list[Row]:
@@ -177,8 +190,8 @@ def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
         table.add_row(
             Text(row["filter"]),
             _cell(float(f"{row['rmse']:.4g}")),
-            figure(difference),
-            interval(difference),
+            figure(difference, 0.0),
+            interval(difference, 0.0),
             f"{100.0 * row['wins']:.0f} % of runs" if row["n"] > 1 else "",
             real,
             f"{row['cost_ratio']:.2g} ×",
