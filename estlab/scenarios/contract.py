@@ -100,7 +100,11 @@ class Scenario(ABC):
         raise UserError(f"{type(self).__name__} has no file layout to write")
 
     def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
-        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
+        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies.
+
+        The axes are of the first two components of the position, or of time and a position of one. Clouds are drawn
+        over the same.
+        """
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """A table of the problem's own, by column, for the terminal and <scenario>.csv; empty for none."""
