@@ -127,7 +127,8 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     streams = Streams(settings.seed, names.scenario)
     data = settings.data
     if data.source == "files":
-        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs)
+        options = (data.options,) if settings.scenario.file_names else ()
+        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
         record = settings.scenario.simulate(streams, runs, settings.noise.truth)
     return record.first(settings.steps)
