@@ -13,9 +13,7 @@ def by_both(*words, change=lambda record: record):
     """Estimates of the NumPy and of the compiled loop for what these words compose, the record changed first."""
     wanted = settings(*words)
     record = change(record_of(wanted, Names("test", "test"), wanted.run_numbers))
-    loops = [
-        loop_of(replace(wanted, engine=engine), wanted.filter, record.places) for engine in ("numpy", "compiled")
-    ]
+    loops = [loop_of(replace(wanted, engine=engine), wanted.filter, record.places) for engine in ("numpy", "compiled")]
     for loop in loops:
         loop.check()
         loop.check_engine()

@@ -27,9 +27,10 @@ def sideways(state, place):
     return (np.where(np.abs(angle) < 2.0, np.sin(angle), np.sin(angle) + 0.01 * rate),)
 
 
-def pile(state, control, noise, dt):
-    """What NumPy can do and a compiler for tuples cannot."""
-    return np.stack([state[0], state[1] + noise[0]])
+def branching(state, control, noise, dt):
+    """What NumPy can do for one run, and a tracer cannot."""
+    angle, rate = state
+    return angle + dt * rate, rate + (dt * noise[0] if np.all(angle > 0.0) else 0.0 * dt)
 
 
 MOTION = Motion(STATE, swing, lambda control, dt: np.array([[0.04 / dt]]), 1)

@@ -1,4 +1,4 @@
-"""A function of components as compiled code over rows of numbers, for tests of the tracer and of what it compiles to."""
+"""A function of components as compiled code over rows of numbers, for tests of the tracer and the compiler."""
 
 import numpy as np
 
@@ -42,8 +42,14 @@ def compiled(function, size, answers=1, lanes=2):
     nodes = [*lowered.outputs, operation(lowered.graph, "select", lowered.beyond, one, zero)]
     access = {name: Access("lanes", "%count") for name in ("x", "y")}
     body = emit.function("body", lowered.graph, [("y", i, node) for i, node in enumerate(nodes)], access, lanes)
-    fields = ["%x = load ptr, ptr %f", "%fy = getelementptr i64, ptr %f, i64 1", "%y = load ptr, ptr %fy",
-              "%fn = getelementptr i64, ptr %f, i64 2", "%count = load i64, ptr %fn", f"%n = sdiv i64 %count, {lanes}"]  # fmt: skip
+    fields = [
+        "%x = load ptr, ptr %f",
+        "%fy = getelementptr i64, ptr %f, i64 1",
+        "%y = load ptr, ptr %fy",
+        "%fn = getelementptr i64, ptr %f, i64 2",
+        "%count = load i64, ptr %fn",
+        f"%n = sdiv i64 %count, {lanes}",
+    ]
     each = [f"%k = mul i64 %i, {lanes}", "%xk = getelementptr double, ptr %x, i64 %k",
             "%yk = getelementptr double, ptr %y, i64 %k"]  # fmt: skip
     call = f"call void @body({emit.parameters(access)})"

@@ -27,6 +27,11 @@ class Traced:
         self.values = self._tracer.call(function, *self._given, shape=(size,))
         self._slopes: dict[tuple[int, ...], Any] = {}
 
+    @property
+    def graph(self) -> Expressions:
+        """Its graph, whose leaves are (the vector's place among the given, component)."""
+        return self._tracer.graph
+
     def jacobian(self, vectors: tuple[int, ...]) -> Matrix:
         """Rows of the derivatives of each value in the components of these vectors."""
         if vectors not in self._slopes:
@@ -37,7 +42,7 @@ class Traced:
     def hessians(self, vectors: tuple[int, ...]) -> list[Matrix]:
         """For each value, rows of its second derivatives in the components of these vectors."""
         variables = [symbol.number for k in vectors for symbol in self._given[k]]
-        return [derived(self._tracer.graph, row, variables) for row in self.jacobian(vectors)]
+        return [derived(self._tracer.graph, list(map(_known, row)), variables) for row in self.jacobian(vectors)]
 
     def at(self, tracer: Tracer, answer: Any, *given: Any) -> Any:
         """An answer of this trace, nested lists, in another with these components in the place of the vectors."""
@@ -86,6 +91,11 @@ def _replaced(answer: Any, function: Callable[[Symbol], Symbol]) -> Any:
         value = symbol.graph.values.get(symbol.number)
         return value if value == 0.0 else symbol
     return answer
+
+
+def _known(entry: Any) -> Any:
+    """An entry that is a constant as a number."""
+    return 0.0 if isinstance(entry, Symbol) and entry.number in entry.graph.values else entry
 
 
 def derived(graph: Expressions, values: Sequence[Any], variables: Sequence[int]) -> Matrix:

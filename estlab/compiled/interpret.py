@@ -69,7 +69,7 @@ class Interpreted:
             elif name in ("true", "false"):
                 self._constants[number] = name == "true"
             elif name == "iconst":
-                self._constants[number] = np.int64(rest[0])  # type: ignore[call-overload]
+                self._constants[number] = np.int64(str(rest[0]))
             elif name == "const":
                 self._constants[number] = graph.values[number]
             else:

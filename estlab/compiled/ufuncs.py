@@ -42,7 +42,7 @@ def _bitwise(name: str) -> Known:
 
 
 def _of_truths(name: str, instead: str) -> Known:
-    """An operation that NumPy gives another meaning between truths: what that is, or none where it hangs on the place."""
+    """An operation that means something else between truths: what that is; none where that hangs on the place."""
 
     def known(graph: Graph, a: int, b: int) -> int | str:
         if graph.is_boolean(a) and graph.is_boolean(b):

@@ -44,11 +44,13 @@ class CompiledLoop(Loop):
         if not self._programs and (given := self._given(record, draws)) is not None:
             self._built(given.shape, smooth=False)
 
-    def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] | None = None) -> Estimates:
+    def estimate(
+        self, record: Record, draws: Draws, tick: Callable[[], None] | None = None, watched: int = 0
+    ) -> Estimates:
         given = self._given(record, draws)
         program = None if given is None else self._built(given.shape, smooth=False)
         if given is None or program is None:
-            return super().estimate(record, draws, tick or _unheard)
+            return super().estimate(record, draws, tick or _unheard, watched)
         found = self._through(program, given, record, tick)
         estimates, weak = found.whole(record.runs), found.weak(record.runs)
         if weak.any():

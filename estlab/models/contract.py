@@ -12,10 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from estlab.compiled.exact import Exact, exact
 from estlab.maths.derivatives import jacobian
 from estlab.maths.rows import Components, Rows, matrix, stacked
 from estlab.maths.space import Array, Space
 from estlab.maths.transforms import Function
+
+Jacobians = Callable[[Array, Array, float], tuple[Rows, Rows]]
+Slope = Callable[[Array, Array], Rows]
+Hessians = Callable[..., Sequence[Rows]]
 
 
 @dataclass(frozen=True)
@@ -25,8 +30,9 @@ class Motion:
     move(state, control, noise, dt): components in, components out. It must not wrap its angles: what it
     returns is continuous in its arguments, so that sigma points more than half a turn apart stay apart.
     noise_cov(control, dt): (q, q, runs or nothing). noise_size: q.
-    jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None for differences.
-    hessians(state, control, dt): for each component of x, rows of its second derivative in x, or None for differences.
+    jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None: exact ones are then found
+    by tracing ``move`` (estlab.compiled), or differences taken where that cannot be.
+    hessians(state, control, dt): for each component of x, rows of its second derivative in x, or None likewise.
     """
 
     space: Space
@@ -57,37 +63,54 @@ class Motion:
         def evaluate(points: Array) -> Array:
             return self.step(points, control, silent, dt)
 
-        curvature = None
-        if self.hessians is not None:
-            hessians = self.hessians
-
-            def curvature(state: Array) -> Array:
-                return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, control, dt)])
-
-        if self.jacobians is None:
+        jacobians, hessians = self._derivatives(control)
+        curvature = None if hessians is None else _curvature(lambda state: hessians(state, control, dt))
+        if jacobians is None:
             return Function(evaluate, self.line, None, curvature), lambda at: self.noise_jacobian(at, control, dt)
-        jacobians = self.jacobians
         # Both derivatives are wanted at one state, and come together.
         both = _Latest(lambda state: jacobians(state, control, dt))
         return Function(evaluate, self.line, lambda at: both(at)[0], curvature), lambda at: both(at)[1]
 
+    def _derivatives(self, control: Array) -> tuple[Jacobians | None, Hessians | None]:
+        """Both derivatives as they are stated, else exact ones; None where the motion cannot be traced."""
+        jacobians: Jacobians | None = self.jacobians
+        hessians: Hessians | None = self.hessians
+        silent = np.zeros(self.noise_size)
+        if (jacobians is None or hessians is None) and (traced := self._exact(len(control))) is not None:
+            jacobians = jacobians or (lambda x, u, dt: (traced.jacobian((0,), x, u, silent, dt),
+                                                        traced.jacobian((2,), x, u, silent, dt)))  # fmt: skip
+            hessians = hessians or (lambda x, u, dt: traced.hessians((0,), x, u, silent, dt))
+        return jacobians, hessians
+
+    @cached_property
+    def _traces(self) -> dict[int, Exact | None]:
+        return {}
+
+    def _exact(self, controls: int) -> Exact | None:
+        """Derivatives of ``move`` for commands of so many components."""
+        if controls not in self._traces:
+            n, q = self.space.size, self.noise_size
+            self._traces[controls] = exact(self.move, (n, controls, q, None), n)
+        return self._traces[controls]
+
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""
-        n = self.space.size
-        slope = None
-        if self.jacobians is not None:
-            jacobians = self.jacobians
+        n, slope, curvature = self.space.size, None, None
+        jacobians, traced = self._derivatives(control)[0], self._exact(len(control))
+        if jacobians is not None:
 
             def slope(joint: Array) -> Rows:
                 in_state, in_noise = jacobians(joint[:n], control, dt)
                 return [(*a, *b) for a, b in zip(in_state, in_noise, strict=True)]
 
-        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.line, slope)
+        if traced is not None:
+            curvature = _curvature(lambda joint: traced.hessians((0, 2), joint[:n], control, joint[n:], dt))
+        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.line, slope, curvature)
 
     def noise_jacobian(self, state: Array, control: Array, dt: float) -> Array:
         """dx/dw (n, q, *batch) at w = 0."""
-        if self.jacobians is not None:
-            return matrix(self.jacobians(state, control, dt)[1], state.shape[1:])
+        if (jacobians := self._derivatives(control)[0]) is not None:
+            return matrix(jacobians(state, control, dt)[1], state.shape[1:])
         silent = np.zeros((self.noise_size, *state.shape[1:]))
         return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.line)
 
@@ -99,8 +122,8 @@ class Sensor:
     measure(state, place): components in, components out. space: of the readings. state: the space of the state.
     noise_cov: (m, m).
     places: (p, number of places), what a reading may be about, such as landmarks; (0, 1) where there is no choice.
-    slope(state, place): rows of dz/dx, or None for differences.
-    hessians(state, place): for each component of z, rows of its second derivative in x, or None for differences.
+    slope(state, place): rows of dz/dx, or None as in Motion.
+    hessians(state, place): for each component of z, rows of its second derivative in x, or None likewise.
     """
 
     space: Space
@@ -121,21 +144,21 @@ class Sensor:
 
     def function(self, place: Array) -> Function:
         """The sensor as a function of the state, without noise."""
-        derivative = None
-        if self.slope is not None:
-            rows = self.slope
-
-            def derivative(state: Array) -> Rows:
-                return rows(state, place)
-
-        curvature = None
-        if self.hessians is not None:
-            hessians = self.hessians
-
-            def curvature(state: Array) -> Array:
-                return np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state, place)])
-
+        slope, hessians = self._derivatives
+        derivative = None if slope is None else lambda state: slope(state, place)
+        curvature = None if hessians is None else _curvature(lambda state: hessians(state, place))
         return Function(lambda points: self.read(points, place), self.space, derivative, curvature)
+
+    @cached_property
+    def _derivatives(self) -> tuple[Slope | None, Hessians | None]:
+        """Both derivatives as they are stated, else exact ones; None where the sensor cannot be traced."""
+        slope: Slope | None = self.slope
+        hessians: Hessians | None = self.hessians
+        sizes = self.state.size, len(self.places)
+        if (slope is None or hessians is None) and (traced := exact(self.measure, sizes, self.space.size)) is not None:
+            slope = slope or (lambda state, place: traced.jacobian((0,), state, place))
+            hessians = hessians or (lambda state, place: traced.hessians((0,), state, place))
+        return slope, hessians
 
     def joint_function(self, place: Array, n: int) -> Function:
         """The sensor as a function of (state, noise), the noise added."""
@@ -146,7 +169,7 @@ class Sensor:
         )
 
     def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Rows] | None:
-        rows = self.slope
+        rows = self._derivatives[0]
         if rows is None:
             return None
         identity = np.eye(self.space.size).tolist()
@@ -159,7 +182,7 @@ class Sensor:
     def times(self, count: int) -> "Sensor":
         """The sensor that gives ``count`` readings at once, about the places (p, count, *batch)."""
         if count not in self._stacks:
-            slope, hessians = self.slope, self.hessians
+            slope, hessians = self._derivatives
             self._stacks[count] = replace(
                 self,
                 space=self.space.repeat(count),
@@ -169,6 +192,11 @@ class Sensor:
                 hessians=None if hessians is None else lambda state, place: _in_turn(hessians, state, place),
             )
         return self._stacks[count]
+
+
+def _curvature(hessians: Callable[[Array], Any]) -> Callable[[Array], Array]:
+    """Second derivatives as one array (m, n, n, *batch)."""
+    return lambda state: np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state)])
 
 
 class _Latest:
