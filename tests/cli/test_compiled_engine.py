@@ -1,32 +1,43 @@
-"""engine=numba as a user meets it: what it refuses, and what it keeps between starts."""
+"""engine=compiled and engine=auto as a user meets them: what is refused, and what is kept between starts."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from estlab.cli import main
+from estlab.compiled import cache
 from tests import pendulum
+from tests.tracing import compiled
 
-WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "report=false", "engine=numba"]
+WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "report=false"]
 TAKE = "; take engine=numpy"
-KNOWN = f"it compiles ekf, ukf, ckf, ghkf and dead_reckoning, not this filter{TAKE}"
-STACKED = "it compiles no scenario.update=stacked; take sequential, interleaved or engine=numpy"
+KNOWN = f"it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter{TAKE}"
+STACKED = (
+    "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings there are"
+    f"{TAKE}"
+)
 
-# Prints how often compiled code was found in the folder, and the answer.
+# Prints whether compiled code was found in the folder, and the answer.
 START = """
+import logging
 import model
-from estlab.filters.compiled import cache
-from estlab.filters.compiled.engine import CompiledLoop
+from estlab.filters.engine import CompiledLoop
 from estlab.filters.gaussian import extended
 from estlab.maths.streams import Streams
 
+lines = []
+handler = logging.Handler()
+handler.emit = lambda record: lines.append(record.getMessage())
+log = logging.getLogger("estlab")
+log.setLevel("INFO")
+log.addHandler(handler)
 loop = CompiledLoop(extended("additive", None), model.MOTION, model.SENSOR)
 found = loop.estimate(model.record(), Streams(1, "test").draws("filter", range(2)))
-(forward,) = cache._BUILT.values()
-print(sum(forward.stats.cache_hits.values()), repr(float(found.mean[0, -1, 0])))
+print(sum("found compiled" in line for line in lines), repr(float(found.mean[0, -1, 0])))
 """
 
 
@@ -38,47 +49,40 @@ def elsewhere(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["filter=pf"], f"engine=numba with pf: {KNOWN}"),
-        (["filter=srukf"], f"engine=numba with srukf: {KNOWN}"),
-        (["filter=second_order"], f"engine=numba with second_order: {KNOWN}"),
-        (["filter=[ekf,iekf]"], f"engine=numba with iekf: {KNOWN}"),
-        (["filter=ekf", "smooth=true"], f"smooth=true with ekf: engine=numba has no smoother{TAKE}"),
-        (["filter=ekf", "scenario.update=stacked"], f"engine=numba with ekf: {STACKED}"),
+        (["filter=pf"], f"engine=compiled with pf: {KNOWN}"),
+        (["filter=[ekf,enkf]"], f"engine=compiled with enkf: {KNOWN}"),
+        (["filter=ukf", "scenario.update=stacked"], f"engine=compiled with ukf: {STACKED}"),
         (
-            ["scenario=sonar", "filter=ekf"],
-            "engine=numba with ekf: estlab.scenarios.sonar.Sonar.sensor.<locals>.<lambda> is not a function of a "
-            f"module, and only such are compiled{TAKE}",
+            ["scenario=car", "filter=ghkf"],
+            f"engine=compiled with ghkf: it unrolls 128 points at most, not 729{TAKE}",
         ),
     ],
 )
 def test_what_is_not_compiled_is_refused_in_one_line_before_anything_runs(words, said, capsys):
-    pytest.importorskip("numba", reason="numba is not installed: pip install estlab[fast]")
-    assert main([*WORDS, *words]) == 2
+    assert main([*WORDS, "engine=compiled", *words]) == 2
     assert capsys.readouterr().err == f"estlab: {said}\n"
     assert not any(Path("runs").rglob("*.*"))
 
 
-def test_without_numba_one_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "numba", None)
-    assert main([*WORDS, "filter=ekf"]) == 2
-    assert capsys.readouterr().err == 'estlab: engine=numba needs numba: pip install "estlab[fast]"\n'
-    assert not any(Path("runs").rglob("*.*"))
-
-
-def test_the_default_engine_imports_no_numba():
-    code = "import sys; from estlab.cli import main; main(sys.argv[1:]); assert 'numba' not in sys.modules"
-    words = [word for word in WORDS if word != "engine=numba"]
-    subprocess.run([sys.executable, "-c", code, *words, "filter=ekf"], check=True, capture_output=True)
+def test_engines_agree_and_auto_is_compiled_where_it_can_be():
+    found = {}
+    several = ["filter=[ekf,pf]", "filters.pf.particles=20"]
+    for engine, words, key in (("auto", several, "ekf.mean"), ("numpy", several, "ekf.mean"),
+                               ("compiled", ["filter=ekf"], "mean")):  # fmt: skip
+        assert main([*WORDS, *words, f"engine={engine}", f"hydra.run.dir={engine}"]) == 0
+        found[engine] = np.load(Path(engine) / "estimates.npz")[key]
+    assert np.array_equal(found["auto"], found["compiled"])
+    np.testing.assert_allclose(found["auto"], found["numpy"], rtol=1e-11)
 
 
 def test_a_second_start_compiles_nothing_and_what_is_damaged_or_changed_is_compiled_anew(tmp_path):
-    pytest.importorskip("numba", reason="numba is not installed: pip install estlab[fast]")
     source = Path(pendulum.__file__).read_text()
     model = tmp_path / "model.py"
     model.write_text(source)
     first, second = start(tmp_path), start(tmp_path)
-    for index in (tmp_path / "cache").rglob("*.nbi"):
-        index.write_bytes(index.read_bytes()[:20])
+    kept = list((tmp_path / "cache").rglob("*.o"))
+    for file in kept:
+        file.write_bytes(file.read_bytes()[:200])
     mended = start(tmp_path)
     assert (mended[0], mended[1]) == ("0", first[1]), "what is damaged is made anew"
     # As long as it was, and in a function that another calls.
@@ -101,15 +105,16 @@ def start(folder):
     return done.stdout.split()
 
 
-def test_who_writes_second_leaves_the_file_of_the_first(tmp_path, monkeypatch):
-    pytest.importorskip("numba", reason="numba is not installed: pip install estlab[fast]")
-    from estlab.filters.compiled import cache
-
+def test_code_that_is_damaged_or_half_written_is_never_run(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("ESTLAB_CACHE", str(tmp_path))
-    path = cache._written("0", "one = 1\n")
-    before = path.stat()
-    assert cache._written("0", "one = 1\n") == path
-    assert (path.stat().st_ino, path.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
-    assert [file.name for file in path.parent.iterdir()] == ["loop.py"]
-    path.write_text("rubbish (")
-    assert cache._written("0", "one = 1\n").read_text() == "one = 1\n"
+    x = np.arange(4.0)[None]
+    assert compiled(lambda x: (x[0] * 3.0,), 1)(x)[0].tolist() == [[0.0, 3.0, 6.0, 9.0]]
+    (file,) = (tmp_path / "compiled").iterdir()
+    whole = file.read_bytes()
+    for damage in (b"", whole[:40], whole[:-1], whole[:-1] + b"?", b"\0" * len(whole)):
+        file.write_bytes(damage)
+        cache._BUILT.clear()
+        assert compiled(lambda x: (x[0] * 3.0,), 1)(x)[0].tolist() == [[0.0, 3.0, 6.0, 9.0]]
+        assert file.read_bytes() == whole
+    assert [path.name for path in (tmp_path / "compiled").iterdir()] == [file.name]
+    assert "compiled code there is damaged and is made anew" in capsys.readouterr().err

@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from estlab.compiled.exact import Exact
 from estlab.maths.derivatives import hessian, jacobian
 from estlab.maths.rows import matrix
 from estlab.maths.space import Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, lidar, unicycle, vehicle
+from estlab.models.contract import Motion
 from tests.conftest import options, settings
 
 CAR = np.array([20.0, 4.0, 9.0, 2.8, 4.6, 1.9])
@@ -49,6 +51,63 @@ def test_stated_jacobians_are_the_finite_differences(scenario):
         place = sensor.place(record.readings.target[0])
         stated = matrix(sensor.slope(state, place), state.shape[1:])
         np.testing.assert_allclose(stated, jacobian(lambda x: sensor.read(x, place), state, sensor.space), atol=1e-6)
+
+
+def _assert_near(stated, found, batch):
+    stated, found = matrix(stated, batch), matrix(found, batch)
+    np.testing.assert_allclose(found, stated, rtol=0.0, atol=1e-11 * np.abs(stated).max(initial=1.0))
+
+
+@pytest.mark.parametrize("scenario", options("scenario"))
+def test_stated_derivatives_are_those_of_the_trace(scenario):
+    experiment = settings(f"scenario={scenario}", "steps=5")
+    problem, noise = experiment.scenario, experiment.noise.filter
+    record = problem.simulate(Streams(3, scenario), range(4), noise).first(12)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    step, n = min(6, record.time.size - 1), motion.space.size
+    state, control, dt = record.truth[:, step], record.control[:, step], 0.13
+    silent = np.zeros(motion.noise_size)
+    traced = Exact(motion.move, (n, len(control), motion.noise_size, None), n)
+    if motion.jacobians is not None:
+        for stated, vector in zip(motion.jacobians(state, control, dt), (0, 2), strict=True):
+            if len(stated[0]):
+                _assert_near(stated, traced.jacobian((vector,), state, control, silent, dt), state.shape[1:])
+    if motion.hessians is not None:
+        found = traced.hessians((0,), state, control, silent, dt)
+        for one, other in zip(motion.hessians(state, control, dt), found, strict=True):
+            _assert_near(one, other, state.shape[1:])
+    if sensor.slope is not None:
+        traced, place = Exact(sensor.measure, (n, len(record.places)), sensor.space.size), record.places[:, 0]
+        _assert_near(sensor.slope(state, place), traced.jacobian((0,), state, place), state.shape[1:])
+        if sensor.hessians is not None:
+            found = traced.hessians((0,), state, place)
+            for one, other in zip(sensor.hessians(state, place), found, strict=True):
+                _assert_near(one, other, state.shape[1:])
+
+
+def test_a_model_that_states_no_derivatives_has_exact_ones_and_differences_if_it_cannot_be_traced():
+    state, silent = CAR[:, None] + 0.1 * _normals(6, 3), np.zeros(6)
+    bare = Motion(vehicle.SPACE, vehicle.drive, lambda control, dt: np.eye(6), 6)
+    function, in_noise = bare.over(np.empty((0, 1)), 0.2)
+    in_state, of_noise = vehicle.drive_jacobians(state, np.empty((0, 1)), 0.2)
+    _assert_near(in_state, function.slope(state), (3,))
+    _assert_near(of_noise, in_noise(state), (3,))
+    joint = bare.joint_function(np.empty((0, 1)), 0.2).slope(np.concatenate([state, np.zeros((6, 3))]))
+    _assert_near([(*a, *b) for a, b in zip(in_state, of_noise, strict=True)], joint, (3,))
+    by_difference = hessian(lambda x: bare.step(x, np.empty((0, 1)), silent, 0.2), state, bare.line)
+    np.testing.assert_allclose(function.curvature(state), by_difference, atol=1e-5)
+    hidden = Motion(vehicle.SPACE, lambda *given: tuple(map(np.asarray, vehicle.drive(*given))), bare.noise_cov, 6)
+    assert hidden.function(np.empty((0, 1)), 0.2).jacobian is not None
+    masked = Motion(vehicle.SPACE, _masked_drive, bare.noise_cov, 6)
+    without = masked.function(np.empty((0, 1)), 0.2)
+    assert without.jacobian is None
+    np.testing.assert_allclose(without.slope(state), matrix(in_state, (3,)), atol=1e-7)
+
+
+def _masked_drive(state, control, noise, dt):
+    after = np.array(np.broadcast_arrays(*vehicle.drive(state, control, noise, dt)), dtype=float)
+    after[after > 1e300] = np.inf
+    return tuple(after)
 
 
 @pytest.mark.parametrize("w", [0.0, 1e-9, 1e-4, -0.3, 2.0])
