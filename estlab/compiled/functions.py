@@ -31,7 +31,10 @@ HALF_PI = (
     2.02226624871116645580e-21,
     8.47842766036889956997e-32,
 )
-QUARTER_PI = (0.5 * HALF_PI[0], 3.038550253151983e-11)
+HALF_PI_33 = (HALF_PI[0], 6.07710050650619224932e-11)
+# Angles as sums of a double and what is left of them.
+QUARTER_PI = (7.85398163397448278999e-01, 3.06161699786838301793e-17)
+ATAN_HALF = (4.63647609000806093515e-01, 2.26987774529616870924e-17)
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 ROUNDING = 6755399441055744.0  # 1.5 * 2^52: a number added to it is rounded to whole ones, which stand in its last bits
 ROUNDING_BITS = 0x4338000000000000
@@ -125,25 +128,24 @@ def _reduced(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
     return high, low, m.bits(shifted), m.gt(m.abs(x), 1e6)
 
 
-def _kernels(m: Arithmetic, x: int, y: int) -> tuple[int, int]:
-    """Sine and cosine of x + y for |x| <= pi / 4 and y much smaller."""
+def _kernels(m: Arithmetic, x: int, y: int) -> tuple[int, int, int, int]:
+    """Sine and cosine of x + y for |x| <= pi / 4 and y much smaller; and what rounding took from each."""
     z = m.mul(x, x)
     v = m.mul(z, x)
     r = m.polynomial(z, SIN[1:])
-    sine = m.sub(x, m.sub(m.sub(m.mul(z, m.sub(m.mul(0.5, y), m.mul(v, r))), y), m.mul(v, SIN[0])))
+    less = m.sub(m.sub(m.mul(z, m.sub(m.mul(0.5, y), m.mul(v, r))), y), m.mul(v, SIN[0]))
+    sine = m.sub(x, less)
     r = m.mul(z, m.polynomial(z, COS))
     half = m.mul(0.5, z)
     w = m.sub(1.0, half)
-    cosine = m.add(w, m.add(m.sub(m.sub(1.0, w), half), m.sub(m.mul(z, r), m.mul(x, y))))
-    return sine, cosine
+    more = m.add(m.sub(m.sub(1.0, w), half), m.sub(m.mul(z, r), m.mul(x, y)))
+    cosine = m.add(w, more)
+    return sine, cosine, m.sub(m.sub(x, sine), less), m.add(m.sub(w, cosine), more)
 
 
-def _quadrant(m: Arithmetic, x: int) -> tuple[int, int, int, int, int]:
-    """Sine and cosine of what is left of x, whether they change places, the number of the quadrant, and the limit."""
-    high, low, bits, limit = _reduced(m, x)
-    sine, cosine = _kernels(m, high, low)
-    odd = m.graph.node("ine", m.ibinary("iand", bits, m.whole(1)), m.whole(0))
-    return sine, cosine, odd, bits, limit
+def _odd(m: Arithmetic, bits: int) -> int:
+    """Whether sine and cosine change places."""
+    return m.graph.node("ine", m.ibinary("iand", bits, m.whole(1)), m.whole(0))
 
 
 def _signed(m: Arithmetic, value: int, bits: int) -> int:
@@ -154,44 +156,51 @@ def _signed(m: Arithmetic, value: int, bits: int) -> int:
 
 def sin(m: Arithmetic, x: int) -> Found:
     """The sine."""
-    sine, cosine, odd, bits, limit = _quadrant(m, x)
+    high, low, bits, limit = _reduced(m, x)
+    sine, cosine, _, _ = _kernels(m, high, low)
+    found = _signed(m, m.select(_odd(m, bits), cosine, sine), bits)
     # Of x = -0 the sum that leaves nothing has lost the sign.
-    found = _signed(m, m.select(odd, cosine, sine), bits)
     return m.select(m.eq(x, 0.0), x, found), limit
 
 
 def cos(m: Arithmetic, x: int) -> Found:
     """The cosine."""
-    sine, cosine, odd, bits, limit = _quadrant(m, x)
-    return _signed(m, m.select(odd, sine, cosine), m.ibinary("iadd", bits, m.whole(1))), limit
+    high, low, bits, limit = _reduced(m, x)
+    sine, cosine, _, _ = _kernels(m, high, low)
+    return _signed(m, m.select(_odd(m, bits), sine, cosine), m.ibinary("iadd", bits, m.whole(1))), limit
 
 
 def tan(m: Arithmetic, x: int) -> Found:
-    """The tangent."""
-    sine, cosine, odd, _, limit = _quadrant(m, x)
-    found = m.div(m.select(odd, m.neg(cosine), sine), m.select(odd, sine, cosine))
-    return m.select(m.eq(x, 0.0), x, found), limit
+    """The tangent: the quotient, and what roundings of both sides make of it."""
+    high, low, bits, limit = _reduced(m, x)
+    sine, cosine, of_sine, of_cosine = _kernels(m, high, low)
+    odd = _odd(m, bits)
+    above, more_above = m.select(odd, m.neg(cosine), sine), m.select(odd, m.neg(of_cosine), of_sine)
+    below, more_below = m.select(odd, sine, cosine), m.select(odd, of_sine, of_cosine)
+    more = m.div(m.sub(m.mul(more_above, below), m.mul(more_below, above)), m.mul(below, below))
+    return m.select(m.eq(x, 0.0), x, m.add(m.div(above, below), more)), limit
 
 
 def arctan2(m: Arithmetic, y: int, x: int) -> Found:
-    """The angle of (x, y): of the smaller below the larger, reduced once more at tan(pi / 8), and j times pi / 4."""
+    """The angle of (x, y): of the smaller below the larger, near 0, near atan(1/2) or near pi / 4; and its octant."""
     ay, ax = m.abs(y), m.abs(x)
     swap = m.gt(ay, ax)
     n, d = m.select(swap, ax, ay), m.select(swap, ay, ax)
     limit = m.gt(d, 1e300)
-    big = m.gt(n, m.mul(d, math.sqrt(2.0) - 1.0))
-    below = m.select(big, m.add(n, d), d)
-    t = m.div(m.select(big, m.sub(n, d), n), m.select(m.eq(below, 0.0), 1.0, below))
+    middle, upper = m.gt(n, m.mul(d, 7.0 / 16.0)), m.gt(n, m.mul(d, 11.0 / 16.0))
+    # (n / d - c) / (1 + c n / d) for c of 0, 1/2 and 1; the differences are exact.
+    above = m.select(upper, m.sub(n, d), m.select(middle, m.sub(m.add(n, n), d), n))
+    below = m.select(upper, m.add(n, d), m.select(middle, m.add(m.add(d, d), n), d))
+    t = m.div(above, m.select(m.eq(below, 0.0), 1.0, below))
     z = m.mul(t, t)
     w = m.mul(z, z)
     s = m.add(m.mul(z, m.polynomial(w, ATAN[::2])), m.mul(w, m.polynomial(w, ATAN[1::2])))
-    angle = m.sub(t, m.mul(t, s))
+    high, low = (m.select(upper, QUARTER_PI[i], m.select(middle, ATAN_HALF[i], 0.0)) for i in (0, 1))
+    angle = m.sub(high, m.sub(m.sub(m.mul(t, s), low), t))
     left = m.graph.node("negative_bits", m.bits(x))
-    j = m.select(big, 1.0, 0.0)
-    j = m.select(swap, m.sub(2.0, j), j)
-    j = m.select(left, m.sub(4.0, j), j)
+    quarters = m.select(swap, 1.0, m.select(left, 2.0, 0.0))
     angle = m.select(m.graph.node("bxor", swap, left), m.neg(angle), angle)
-    found = m.add(m.mul(j, QUARTER_PI[0]), m.add(m.mul(j, QUARTER_PI[1]), angle))
+    found = m.add(m.mul(quarters, HALF_PI_33[0]), m.add(m.mul(quarters, HALF_PI_33[1]), angle))
     return m.copysign(m.abs(found), y), limit
 
 
