@@ -24,7 +24,8 @@ Work = Callable[[int, Tick], object]
 
 RUNS = 1000
 BLOCKS = range(2)
-CAR = Case("scenario=car", "filter=ukf", "filter.noise=additive", f"runs={RUNS}")
+_WORDS = "scenario=car", "filter=ukf", "filter.noise=additive", f"runs={RUNS}"
+CAR, AS_USUAL = Case(*_WORDS, "engine=numpy"), Case(*_WORDS)
 _SAMPLED_EVERY = 0.01  # seconds
 
 
@@ -36,12 +37,12 @@ def rows() -> Iterator[Row]:
     """
     for number in BLOCKS:
         prepared(number)  # before the fork, for both processes
-    work = f"car UKF, {RUNS} runs x 200 steps"
+    work = f"car UKF, {RUNS} runs x 200 steps, engine=numpy"
     yield faster(f"{work}, both cores", both_cores(loop), PLAIN, CAR.plain_car(200), 1.0 / RUNS, 550.0)
     yield faster(f"{work}, both cores", both_cores(loop), "one core", one_core(loop), 1.0, 1.8)
     yield faster(f"four times {work}, both cores", both_cores(loop, 4), "one core", one_core(loop, 4), 1.0, 1.8)
-    whole = partial(block_of, CAR.settings, NAMES, None)
-    simulated = f"{work}, simulated, filtered and scored"
+    whole = partial(block_of, AS_USUAL.settings, NAMES, None)
+    simulated = f"car UKF, {RUNS} runs, simulated, filtered and scored"
     yield faster(f"{simulated}, both cores", both_cores(whole), "one core", one_core(whole), 1.0, 1.6)
     yield from memory()
 

@@ -23,8 +23,7 @@ def wrap(angle: Any) -> Any:
     """The same angle in [-pi, pi]."""
     if not isinstance(angle, Symbol):
         return angle
-    turns = angle / TURN
-    return angle - TURN * rounded(turns)
+    return angle - TURN * rounded(angle * (1.0 / TURN))
 
 
 def rounded(a: Symbol) -> Symbol:

@@ -12,15 +12,22 @@ import numpy as np
 from estlab.compiled.graph import Graph
 from estlab.compiled.ufuncs import METHODS, UFUNCS
 
+_MOST_NODES = 40_000
+
 
 class UntraceableError(Exception):
     """A model cannot be traced; why."""
 
 
 class Expressions(Graph):
-    """A graph that remembers what was refused, should the model go on all the same."""
+    """A graph that remembers what was refused, should the model go on all the same, and that does not grow for ever."""
 
     refusal: str | None = None
+
+    def node(self, operation: str, *arguments: object) -> int:
+        if len(self.nodes) > _MOST_NODES:
+            raise self.refuse(f"a step of more than {_MOST_NODES} operations would take long to compile")
+        return super().node(operation, *arguments)
 
     def refuse(self, why: str) -> UntraceableError:
         """What is to be raised."""

@@ -12,13 +12,15 @@ from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Si
 from estlab.maths.transforms import Linearised, SecondOrder
 from estlab.models.contract import Motion, Sensor
 
-_MOST_POINTS = 128
+_MOST_POINTS, _MOST_STATES = 128, 24
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
 def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's count of numbers is that of one update. Raises ValueError for another filter."""
     n, q, m = motion.space.size, motion.noise_size, sensor.space.size
+    if n > _MOST_STATES:
+        raise ValueError(f"it unrolls states of {_MOST_STATES} components at most, not {n}; take engine=numpy")
     transform: Any = getattr(filter, "transform", None)
     if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
         points = _points(transform, n)

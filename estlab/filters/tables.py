@@ -47,7 +47,9 @@ def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[
         dt = float(lapse[alike[0]])
         if dt <= 0.0:
             continue  # no time passes, nothing moves
-        cov = motion.noise_cov(control[:, alike].reshape(c, alike.size * runs), dt)
+        cov = motion.noise_cov(control[:, alike[0]], dt)
+        if cov.ndim > 2:  # it hangs on the command
+            cov = motion.noise_cov(control[:, alike].reshape(c, alike.size * runs), dt)
         same = cov.ndim == 2 or cov.shape[2] == 1
         found.append(cov.reshape(q, q, 1, 1) if same else cov.reshape(q, q, alike.size, runs))
         which[alike] = count if same else count + np.arange(alike.size)

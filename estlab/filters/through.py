@@ -10,6 +10,7 @@ from estlab.compiled.models import MotionModel, SensorModel
 from estlab.compiled.pieces import Piece, Steps, slots
 from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
 from estlab.filters.contract import chi_square_quantile
+from estlab.filters.gaussian import DeadReckoning
 from estlab.filters.given import Given, Shape, Work
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array
@@ -73,7 +74,9 @@ class Through:
         runs, (i, j) = given.runs, np.tril_indices(n)
         belief = np.zeros((slots(n), runs))
         belief[:n], belief[n:-2] = given.mean, given.matrix[i, j]
-        whitened, log_scale = np.full((2, *given.stack.values.shape), np.nan)
+        whitened, log_scale = np.empty((2, *given.stack.values.shape))
+        if isinstance(work.filter, DeadReckoning):  # else the code fills all of it
+            whitened[:] = log_scale[:] = np.nan
         mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
         gate = getattr(work.filter, "gate", None)
         self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)

@@ -21,10 +21,10 @@ def range_bearing_slope(pose: Array, landmark: Array) -> Rows:
     """Rows of the derivative of :func:`range_bearing` in the pose."""
     x, y, _ = pose
     mark_x, mark_y = landmark
-    dx, dy = x - mark_x, y - mark_y
+    dx, dy = mark_x - x, mark_y - y
     q = dx * dx + dy * dy
     r = np.sqrt(q)
-    return (dx / r, dy / r, 0.0), (-dy / q, dx / q, -1.0)
+    return (-dx / r, -dy / r, 0.0), (dy / q, -dx / q, -1.0)
 
 
 def bearing(pose: Array, landmark: Array) -> Components:

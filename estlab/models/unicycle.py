@@ -30,7 +30,7 @@ def arc_jacobians(pose: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     """Derivatives of :func:`arc` in the pose and in the noise on (v, w), at no noise."""
     _, _, heading = pose
     v, w = control
-    half_turn, way = 0.5 * dt * w, v * dt
+    half_turn, way = 0.5 * (w * dt), v * dt
     cos, sin = cos_sin(heading + half_turn)
     shape = _sinc(half_turn)
     ahead, aside = way * shape * cos, way * shape * sin
