@@ -112,7 +112,7 @@ Found = tuple[int, int | None]
 
 
 def _reduced(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
-    """x less its nearest multiple of pi / 2, as a sum of two; the bits of the multiple's number; and the limit."""
+    """x less its nearest multiple of pi / 2, and what rounding took of it; the multiple's number as bits; the limit."""
     shifted = m.add(m.mul(x, 2.0 / math.pi), ROUNDING)
     q = m.sub(shifted, ROUNDING)
     first = m.sub(x, m.mul(q, HALF_PI[0]))
@@ -128,19 +128,16 @@ def _reduced(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
     return high, low, m.bits(shifted), m.gt(m.abs(x), 1e6)
 
 
-def _kernels(m: Arithmetic, x: int, y: int) -> tuple[int, int, int, int]:
-    """Sine and cosine of x + y for |x| <= pi / 4 and y much smaller; and what rounding took from each."""
+def _kernels(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
+    """Sine and cosine of |x| <= pi / 4; and what rounding took from each."""
     z = m.mul(x, x)
-    v = m.mul(z, x)
-    r = m.polynomial(z, SIN[1:])
-    less = m.sub(m.sub(m.mul(z, m.sub(m.mul(0.5, y), m.mul(v, r))), y), m.mul(v, SIN[0]))
-    sine = m.sub(x, less)
-    r = m.mul(z, m.polynomial(z, COS))
+    less = m.mul(m.mul(z, x), m.polynomial(z, SIN))
+    sine = m.add(x, less)
     half = m.mul(0.5, z)
     w = m.sub(1.0, half)
-    more = m.add(m.sub(m.sub(1.0, w), half), m.sub(m.mul(z, r), m.mul(x, y)))
+    more = m.add(m.sub(m.sub(1.0, w), half), m.mul(m.mul(z, z), m.polynomial(z, COS)))
     cosine = m.add(w, more)
-    return sine, cosine, m.sub(m.sub(x, sine), less), m.add(m.sub(w, cosine), more)
+    return sine, cosine, m.add(m.sub(x, sine), less), m.add(m.sub(w, cosine), more)
 
 
 def _odd(m: Arithmetic, bits: int) -> int:
@@ -156,8 +153,8 @@ def _signed(m: Arithmetic, value: int, bits: int) -> int:
 
 def sin(m: Arithmetic, x: int) -> Found:
     """The sine."""
-    high, low, bits, limit = _reduced(m, x)
-    sine, cosine, _, _ = _kernels(m, high, low)
+    high, _, bits, limit = _reduced(m, x)
+    sine, cosine, _, _ = _kernels(m, high)
     found = _signed(m, m.select(_odd(m, bits), cosine, sine), bits)
     # Of x = -0 the sum that leaves nothing has lost the sign.
     return m.select(m.eq(x, 0.0), x, found), limit
@@ -165,15 +162,16 @@ def sin(m: Arithmetic, x: int) -> Found:
 
 def cos(m: Arithmetic, x: int) -> Found:
     """The cosine."""
-    high, low, bits, limit = _reduced(m, x)
-    sine, cosine, _, _ = _kernels(m, high, low)
+    high, _, bits, limit = _reduced(m, x)
+    sine, cosine, _, _ = _kernels(m, high)
     return _signed(m, m.select(_odd(m, bits), sine, cosine), m.ibinary("iadd", bits, m.whole(1))), limit
 
 
 def tan(m: Arithmetic, x: int) -> Found:
     """The tangent: the quotient, and what roundings of both sides make of it."""
     high, low, bits, limit = _reduced(m, x)
-    sine, cosine, of_sine, of_cosine = _kernels(m, high, low)
+    sine, cosine, of_sine, of_cosine = _kernels(m, high)
+    of_sine, of_cosine = m.add(of_sine, m.mul(low, cosine)), m.sub(of_cosine, m.mul(low, sine))
     odd = _odd(m, bits)
     above, more_above = m.select(odd, m.neg(cosine), sine), m.select(odd, m.neg(of_cosine), of_sine)
     below, more_below = m.select(odd, sine, cosine), m.select(odd, of_sine, of_cosine)
