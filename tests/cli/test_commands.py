@@ -14,7 +14,7 @@ import yaml
 
 from estlab import __version__
 from estlab.cli import main
-from estlab.filters.loop import Loop
+from estlab.filters.engine import CompiledLoop
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
@@ -284,7 +284,7 @@ def test_an_interruption_leaves_the_status_interrupted(monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "estimate", interrupted)
+    monkeypatch.setattr(CompiledLoop, "estimate", interrupted)
     assert main(["run", *TINY]) == 130
     assert status(latest())["status"] == "interrupted"
     assert capsys.readouterr().err == "estlab: interrupted\n"
@@ -314,7 +314,7 @@ def test_a_bug_is_said_with_where_the_traceback_is(monkeypatch, capsys):
     def broken(*_):
         raise ZeroDivisionError("one over nothing")
 
-    monkeypatch.setattr(Loop, "estimate", broken)
+    monkeypatch.setattr(CompiledLoop, "estimate", broken)
     assert main(["run", *TINY]) == 1
     text = capsys.readouterr().err
     assert re.fullmatch(

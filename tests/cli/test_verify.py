@@ -8,7 +8,7 @@ import pytest
 
 import estlab.verify
 from estlab.cli import main
-from estlab.filters.loop import Loop
+from estlab.filters.engine import CompiledLoop
 
 TINY = ["scenario=landmark", "filter=ekf", "runs=3", "steps=12", "plots=false"]
 
@@ -196,7 +196,7 @@ def test_verify_is_interrupted_like_a_run(mine, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "estimate", interrupted)
+    monkeypatch.setattr(CompiledLoop, "estimate", interrupted)
     assert main(["verify", "meets", *mine]) == 130
     assert capsys.readouterr().err == "estlab: interrupted\n"
     assert status()["status"] == "interrupted"
