@@ -144,14 +144,10 @@ def at_work(sweep: Path, name: str) -> int | None:
     """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
     try:
         stamp = _record(sweep, PurePath(name) / rundir.STATUS)
-        if stamp["status"] != "running" or stamp["node"] != platform.node() or stamp["pid"] == os.getpid():
-            return None
-        os.kill(int(stamp["pid"]), 0)
-    except PermissionError:
-        return int(stamp["pid"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+    except (OSError, ValueError, TypeError):
         return None
-    return int(stamp["pid"])
+    elsewhere = rundir.worker(stamp) == "alive" and stamp["pid"] != os.getpid()
+    return int(stamp["pid"]) if elsewhere else None
 
 
 def set_aside(sweep: Path, name: str) -> None:

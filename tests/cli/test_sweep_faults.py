@@ -14,6 +14,7 @@ import pytest
 
 from estlab import rundir
 from estlab.cli import main
+from estlab.rundir import process
 from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
@@ -49,6 +50,11 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     for folder, was in done.items():
         assert (Path("killed") / folder / "run.json").read_bytes() == was, "what was ok did not run again"
     assert f"{len(done)} of 6 jobs are ok, the others run" in capsys.readouterr().err or not done
+
+
+def marks_of(pid: int) -> dict:
+    """What a status keeps of a process on this machine."""
+    return process.marks() | {"pid": pid, "process_began": process._seen(pid).began}
 
 
 def spoil_status(job: Path) -> None:
@@ -167,7 +173,7 @@ def test_a_job_that_an_earlier_sweep_left_at_work_is_not_run_twice(undisturbed, 
     shutil.copytree(undisturbed, "swept")
     job = Path("swept/1_landmark_ekf")
     with subprocess.Popen(["sleep", "60"]) as other:
-        (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", "pid": other.pid}))
+        (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", **marks_of(other.pid)}))
         assert main(["sweep", "--resume", "swept"]) == 2
         assert f"process {other.pid}, of an earlier sweep, is still at work on it" in capsys.readouterr().err
         other.kill()
