@@ -3,12 +3,11 @@
 import contextlib
 import errno
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
@@ -62,7 +61,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     from hydra.errors import HydraException
 
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
-    signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
 
     def task(config: "DictConfig") -> None:
@@ -78,8 +76,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
-    except BrokenPipeError:
-        raise
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
@@ -97,10 +93,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:

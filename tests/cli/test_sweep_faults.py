@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from estlab import rundir
+from estlab import experiment, rundir
 from estlab.cli import main
 from estlab.rundir import process
+from estlab.signals import interruptible
 from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 
 
@@ -236,3 +238,27 @@ def test_a_directory_that_cannot_be_made_fails_its_job_alone(monkeypatch):
         assert sweep("filter=ekf", "seed=1,2,3") == 3
     assert [row["status"] for row in table()] == ["ok", "failed", "ok"]
     assert "1_landmark_ekf" in rows("swept/failures.csv")[0]["error"]
+
+
+def test_workers_of_an_engine_end_with_the_sweep_that_is_killed():
+    pytest.importorskip("joblib")
+    process = started("scenario=landmark", "filter=ekf", "runs=3000000", "seed=1,2", "sweep.dir=killed", *JOBLIB)
+    with process:
+        wait_for(lambda: count("killed", "running") == 2)
+        workers = [status(folder)["pid"] for folder in Path("killed").glob("[01]_*")]
+        process.kill()
+    wait_for(lambda: not any(lives(worker) for worker in workers))
+
+
+def test_a_terminal_that_closes_interrupts_and_nohup_keeps_it_from_that(monkeypatch):
+    before = signal.getsignal(signal.SIGHUP)
+    try:
+        monkeypatch.setattr(experiment, "run", lambda *_: os.kill(os.getpid(), signal.SIGHUP))
+        words = ["run", *TINY, "filter=ekf", "report=false", "hydra.run.dir=closed"]
+        assert main(words) == 130
+        assert status("closed")["status"] == "interrupted"
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        interruptible()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
