@@ -87,7 +87,7 @@ def _findings(settings: Settings, name: str, ensemble: Ensemble, bound: Array | 
     if tests:
         verdict = attempts.made(f"verdict on {name}", lambda: judge(tally, tests, settings.verdict, sampled))
     rows = []
-    for group, make in metric_groups(tally, verdict, bound).items():
+    for group, make in metric_groups(tally, tests, verdict, bound).items():
         rows += attempts.made(f"{group} of {name}", make, needed=group == ERRORS) or []
     return Findings(rows, tests, verdict)
 

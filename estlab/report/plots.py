@@ -158,6 +158,11 @@ def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
     return figure
 
 
+def _is_drawn(row: Mapping[str, Any]) -> bool:
+    """Whether a bin of a histogram is none of those for what lies beyond the others."""
+    return row["low"] > 0.0 and bool(np.isfinite(row["high"]))
+
+
 def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -> "Figure":
     """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
     from matplotlib.ticker import MaxNLocator
@@ -176,14 +181,18 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
         for (name, mine), colour in zip(bins.items(), _colours(len(bins)), strict=True):
             if not mine:
                 continue
-            # A line at zero wherever bins without runs were left out.
-            counts = {row["low"]: row["runs"] for row in mine}
-            edges = np.unique([edge for row in mine for edge in (row["low"], row["high"])])
+            # A line at zero wherever bins without runs were left out. No axis reaches zero or infinity.
+            counts = {row["low"]: row["runs"] for row in mine if _is_drawn(row)}
+            edges = np.unique([edge for row in mine if _is_drawn(row) for edge in (row["low"], row["high"])])
             heights = [counts.get(edge, 0) for edge in edges[:-1]]
             panel.stairs(heights, edges, color=colour, lw=1.3, label=name, fill=len(bins) == 1, alpha=0.9)
         panel.set_xscale("log")
-        lows, highs = ([row[key] for rows in bins.values() for row in rows] for key in ("low", "high"))
+        drawn = [row for rows in bins.values() for row in rows if _is_drawn(row)]
+        lows, highs = ([row[key] for row in drawn] for key in ("low", "high"))
         logarithmic(panel.xaxis, min(lows, default=np.nan), max(highs, default=np.nan))
+        beyond = sum(row["runs"] for rows in bins.values() for row in rows if not _is_drawn(row))
+        if beyond:
+            what += f"; {beyond} run{'s' * (beyond > 1)} beyond"
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")

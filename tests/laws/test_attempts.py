@@ -58,9 +58,10 @@ def broken(*_args, **_keys):
 
 
 FIGURES = [
-    (rows, "_all_components", {"shares inside and NEES of pf"}, False),
+    (rows, "_all_components", {"shares inside of pf"}, False),
+    (rows, "_judged", {"what is judged of pf"}, False),
     (rows, "_credibility", {"credibility of pf"}, False),
-    (rows, "_innovations", {"NIS of pf"}, False),
+    (rows, "_innovations", {"likelihood of pf"}, False),
     (rows, "_efficiency", {"efficiency of pf"}, False),
     (rows, "_found", {"found of pf"}, False),
     (rows, "_noted", {"what the filter noted of pf"}, False),
