@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from estlab import __version__
-from estlab.cores import one_thread_each
-from estlab.errors import UserError
+from estlab.cores import enough_memory, one_thread_each
+from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory
 from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
 from estlab.paths import conf_folder
 from estlab.signals import interruptible
@@ -54,6 +54,8 @@ def _run(arguments: list[str]) -> int:
     one_thread_each()
     interruptible()
     try:
+        if {*arguments[:1]} & {*_COMMANDS} - {"list"}:
+            enough_memory(f"estlab {arguments[0]}")
         return _dispatch(arguments)
     except UserError as error:
         return complain(str(error))
@@ -65,6 +67,10 @@ def _run(arguments: list[str]) -> int:
         return INTERRUPTED
     except OSError as error:
         return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
+    except (MemoryError, ImportError) as error:
+        if not is_lack_of_memory(error):
+            raise
+        return complain(NO_MEMORY, FAILED)
 
 
 def _dispatch(arguments: list[str]) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
+from estlab.errors import NO_MEMORY, IncompleteError, UserError, WorkerLostError, is_lack_of_memory, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -25,6 +25,22 @@ if TYPE_CHECKING:
 _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+# By number of the system's error, what to do about a file of the run that cannot be written.
+_REMEDIES = {
+    errno.ENOSPC: "make room or set output to another disk",
+    errno.EDQUOT: "make room or set output to another disk",
+    errno.ENOENT: "leave its directory where it is until the run has ended",
+    errno.EINVAL: "remove what stands in its place",
+    errno.EISDIR: "remove what stands in its place",
+    errno.EROFS: "set output to another disk",
+    errno.EIO: "the disk is failing, set output to another",
+    errno.ESTALE: "set output to another disk",
+    errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
+    errno.ENFILE: "the system has too many files open",
+    errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
+    errno.EAGAIN: "the system starts no more processes for you, take cores=1",
+}
 
 # What a title says anyway, or what changes nothing in the figures.
 _TOLD = (
@@ -69,7 +85,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except Exception as error:
             if traceback_wanted:
                 raise
-            codes.append(complain(one_line(error, arguments)))
+            short = is_lack_of_memory(error)
+            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, arguments)))
 
     sys.argv = ["estlab", *prepared(arguments)]
     try:
@@ -87,7 +104,7 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
     except Exception as error:
-        if traceback_wanted:
+        if traceback_wanted or is_lack_of_memory(error):
             raise
         raise UserError(one_line(error, arguments)) from error
     finally:
@@ -215,12 +232,11 @@ def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
-    if isinstance(error, OSError):
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room or set output to another disk" if full else "check its permissions"
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
-    if isinstance(error, MemoryError):
+    if is_lack_of_memory(error):
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
+    if isinstance(error, OSError):
+        remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
+        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 
