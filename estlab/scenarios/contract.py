@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -54,7 +54,19 @@ class History:
 
 
 class Scenario(ABC):
-    """A problem: its spaces and models, where its records come from, and how it looks."""
+    """A problem: its spaces and models, where its records come from, and how it looks.
+
+    of_simulation, of_recordings: its keys that simulated data alone, or files alone, are made with.
+    """
+
+    of_simulation: ClassVar[tuple[str, ...]] = ()
+    of_recordings: ClassVar[tuple[str, ...]] = ()
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        """The scenario's keys that a run on data from this source does not read, each with the setting that would."""
+        if source == "files":
+            return dict.fromkeys(self.of_simulation, "data=simulated")
+        return dict.fromkeys(self.of_recordings, "data=files")
 
     @property
     def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
