@@ -1,5 +1,6 @@
 """An ensemble of runs through filters, block by block, every filter on the same truth and readings."""
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,8 @@ from estlab.scenarios.contract import History
 from estlab.workers import Workers
 
 SMOOTHED = "_smoothed"
+
+log = logging.getLogger("estlab")
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,12 @@ class Totals:
 
 @dataclass(frozen=True)
 class Block:
-    """What is left of a block of runs: totals, seconds that each filter took and, of the first block, histories."""
+    """What is left of a block of runs: totals, seconds that each filter took and, of the first block, histories.
 
-    totals: Totals
+    totals: or why there are none.
+    """
+
+    totals: Totals | str
     seconds: dict[str, float]
     kept: dict[str, dict[str, Array]]
 
@@ -72,31 +78,36 @@ class Block:
 class Ensemble:
     """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds spent.
 
-    record: of the first block.
+    record: of the first block. failure: why there is no total of all runs, if there is none.
     """
 
     record: Record
+    failure: str = ""
     blocks: Pairwise[Totals] = field(default_factory=Pairwise)
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def add(self, number: int, block: Block) -> None:
         """Take in a block, once."""
-        self.blocks.add(0, number, block.totals)
+        if isinstance(block.totals, str):
+            self.failure = self.failure or block.totals
+        else:
+            self.blocks.add(0, number, block.totals)
         self.kept |= block.kept
         for name, spent in block.seconds.items():
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @cached_property
     def total(self) -> Totals:
-        """Of all blocks."""
+        """Of all blocks. Raises RuntimeError where a block's could not be computed."""
+        if self.failure:
+            raise RuntimeError(self.failure)
         return self.blocks.total()
 
-    def cost(self) -> dict[str, float]:
-        """Seconds a run and step of each filter; a smoother's are in its filter's."""
-        steps, tallies = self.record.time.size, self.total.tallies
-        seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in tallies}
-        return {name: spent / (tallies[name].runs * steps) for name, spent in seconds.items()}
+    def cost(self, runs: int) -> dict[str, float]:
+        """Seconds a run and step of each filter, of so many runs; a smoother's are in its filter's."""
+        seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in self.kept}
+        return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
 
 
 def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
@@ -152,7 +163,8 @@ def estimated(
     steps = progress(len(workers.pieces) * first.time.size * len(filters_of(settings, names)))
     for number, found in workers.results(partial(block_of, settings, names, first), steps):
         ensemble.add(number, found)
-    if (taken := sum(1 << level for level, _ in ensemble.blocks.nodes)) != len(workers.pieces):
+    taken = sum(1 << level for level, _ in ensemble.blocks.nodes)
+    if taken != len(workers.pieces) and not ensemble.failure:
         raise RuntimeError(f"{taken} blocks came back of {len(workers.pieces)}")
     return ensemble
 
@@ -172,7 +184,14 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
         found |= _found(loop, name, record, draws, tick, settings.smooth)
         seconds[name] = time.perf_counter() - began
     kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
-    return Block(_totals(settings, record, found, runs), seconds, kept)
+    try:
+        totals: Totals | str = _totals(settings, record, found, runs)
+    except Warning:
+        raise
+    except Exception as error:
+        log.warning("no statistics of runs %d to %d", runs[0], runs[-1], exc_info=True)
+        totals = f"{type(error).__name__} in the statistics of runs {runs[0]} to {runs[-1]}: {error}"
+    return Block(totals, seconds, kept)
 
 
 def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> Totals:
@@ -211,7 +230,8 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
         arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
-    return arrays | {f"shown.{name}": array for name, array in (record.shown | ensemble.total.sums).items()}
+    sums = {} if ensemble.failure else ensemble.total.sums
+    return arrays | {f"shown.{name}": array for name, array in (record.shown | sums).items()}
 
 
 def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:

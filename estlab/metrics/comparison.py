@@ -106,8 +106,11 @@ class Comparison:
         value, n = float(roots[0] - roots[1]), int(moments.count)
         if self.repeated or n < 2:
             return Estimate(value if n else np.nan, np.nan, np.nan, n), np.nan
-        slope = np.array([0.5, -0.5]) / roots
-        line = Moments(moments.count, np.array([value]), (slope @ moments.scatter @ slope)[None, None])
+        # Sums in one order: equal filters differ by exactly nothing, whichever linear algebra is installed.
+        first, second = 0.5 / roots
+        scatter = moments.scatter
+        spread = first * first * scatter[0, 0] - 2.0 * first * second * scatter[0, 1] + second * second * scatter[1, 1]
+        line = Moments(moments.count, np.array([value]), np.array([[max(spread, 0.0)]]))
         return mean_interval(line), t_test(line, 0.0)
 
     @property

@@ -134,13 +134,19 @@ class Tally:
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
         """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
+        nees = _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0))
         found = {
-            "nees": _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0)),
+            "nees": nees,
+            "nees_converged": np.where(scores.diverged, np.nan, nees),
             "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
             "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
             "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
             "loglik": scores.log_likelihood / _or_nan(scores.measured.sum(axis=0)),
         }
+        if estimates.sample is not None:
+            # A cloud that was without a law at any step is one from which few states have come on.
+            found["starved"] = (~np.isfinite(scores.nees_mean)).any(axis=0).astype(float)
+            found["fewest"] = np.broadcast_to(estimates.sample[0], lawful.shape).min(axis=0)
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.
             read = scores.measured > 0 if scores.measured.any() else np.ones(scores.nees.shape, dtype=bool)

@@ -1,20 +1,19 @@
 """What all pictures share: figures with panels, legends, axes, lines of many points, and how they become files."""
 
+import io
 import textwrap
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estlab import rundir
+from estlab.errors import printable
 from estlab.maths.space import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-
-Save = Callable[[str, Callable[[BinaryIO], object]], object]
 
 WIDTH = 9.0  # inches
 _DPI = 110
@@ -34,9 +33,14 @@ def new_figure(rows: int, title: str, height: float, columns: int = 1) -> tuple[
     return figure, list(panels)
 
 
+def said(text: str) -> str:
+    """A name as it is drawn: a dollar begins no formula, and what cannot be seen is no glyph."""
+    return printable(text).replace("$", r"\$")
+
+
 def headed(figure: "Figure", title: str) -> None:
     """A title over all panels, in as many lines as it needs."""
-    figure.suptitle(textwrap.fill(title, 90), fontsize="large")
+    figure.suptitle(textwrap.fill(said(title), 90), fontsize="large")
 
 
 def legend_below(figure: "Figure", axes: "Axes") -> None:
@@ -88,11 +92,13 @@ def telling(values: Array) -> Array:
     return chosen[chosen < values.size]
 
 
-def save_png(save: Save, name: str, figure: "Figure") -> None:
-    """Hand a figure to ``save`` as a picture of the run: drawn once, where savefig draws twice for the layout."""
+def png(figure: "Figure") -> bytes:
+    """A figure as a PNG file: drawn once, where savefig draws twice for the layout."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(_DPI)
     canvas = FigureCanvasAgg(figure)
     options: dict[str, Any] = {"compress_level": _COMPRESSION}
-    save(f"{rundir.PLOTS}/{name}", lambda stream: canvas.print_png(stream, pil_kwargs=options))
+    stream = io.BytesIO()
+    canvas.print_png(stream, pil_kwargs=options)
+    return stream.getvalue()

@@ -52,6 +52,8 @@ def made(make: Callable[[], Html]) -> Html:
         return make()
     except UnusableError as error:
         return note(str(error))
+    except Exception as error:
+        return note(f"This part cannot be made ({type(error).__name__}: {error}).")
 
 
 def status(word: str) -> Html:

@@ -1,6 +1,7 @@
 """The pictures of a run."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,13 +11,11 @@ from estlab.maths.gaussian import ellipses
 from estlab.maths.space import Array, Space
 from estlab.report.figures import (
     WIDTH,
-    Save,
     broken_at_gaps,
     headed,
     legend_below,
     logarithmic,
     new_figure,
-    save_png,
     telling,
 )
 
@@ -30,41 +29,42 @@ _MANY = 20  # runs from which their distribution has a shape
 _DENSE = 1500  # steps from which a line would be a smear
 
 Draw = Callable[["Axes", str], None]
-Pictures = Callable[[], "dict[str, Figure]"]
+Make = Callable[[], "Figure"]
 Columns = Mapping[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 
 
-def draw_all(
+def pictures(
     tables: Mapping[str, Mapping[str, Any]],
     arrays: dict[str, Array],
-    save: Save,
+    filters: Sequence[str],
     space: Space,
     title: str,
     runs: range,
     draw: Draw,
-    pictures: Pictures,
-) -> None:
-    """Draw every picture of a run and hand each to ``save`` by its name.
+) -> dict[str, Make]:
+    """What draws each picture that the run has, by its name. A single step has none.
 
-    tables: what is written of each filter, by file. arrays: those of estimates.npz. draw: adds the problem's own
-    things to the trajectory, for a filter's name. pictures: the problem's own figures.
+    tables: what is written of each filter, by file, as far as there is any. arrays: those of estimates.npz. draw: adds
+    the problem's own things to the trajectory, for a filter's name.
     """
-    errors = tables[rundir.ERRORS]
-    if next(iter(errors.values()))["time"].size > space.size:
-        save_png(save, "errors.png", draw_errors(errors, space, title, runs))
-        for file, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
-            if any(np.isfinite(columns[column]).any() for columns in tables[file].values()):
-                save_png(save, f"{column[1:]}.png", draw_consistency(tables[file], column, what, title, runs))
-        sizes = {name: _noted(notes, "ess") for name, notes in tables[rundir.NOTES].items() if "ess" in notes["note"]}
-        if sizes:
-            save_png(save, "ess.png", draw_ess(sizes, title, runs))
-        if len(runs) >= _MANY:
-            save_png(save, "distribution.png", draw_distribution(tables[rundir.HISTOGRAMS], space, title))
-        if space.position:
-            save_png(save, "trajectory.png", draw_trajectory(arrays, list(errors), space, title, draw))
-    for name, figure in pictures().items():
-        save_png(save, name, figure)
+    if arrays["time"].size < 2:
+        return {}
+    found: dict[str, Make] = {}
+    errors, histograms = tables.get(rundir.ERRORS), tables.get(rundir.HISTOGRAMS)
+    if errors:
+        found["errors.png"] = lambda: draw_errors(errors, space, title, runs)
+    for file, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
+        if shown := {name: one for name, one in tables.get(file, {}).items() if np.isfinite(one[column]).any()}:
+            found[f"{column[1:]}.png"] = partial(draw_consistency, shown, column, what, title, runs)
+    sizes = {name: _noted(one, "ess") for name, one in tables.get(rundir.NOTES, {}).items() if "ess" in one["note"]}
+    if sizes:
+        found["ess.png"] = lambda: draw_ess(sizes, title, runs)
+    if histograms and len(runs) >= _MANY:
+        found["distribution.png"] = lambda: draw_distribution(histograms, space, title)
+    if space.position:
+        found["trajectory.png"] = lambda: draw_trajectory(arrays, list(filters), space, title, draw)
+    return found
 
 
 def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":
@@ -131,11 +131,12 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, t
     label = "95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}")
     axes.fill_between(band["time"], band["lower"], band["upper"], color=_ENSEMBLE, alpha=0.25, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
-    positive = whole[column][whole[column] > 0.0]
+    positive = whole[column][(whole[column] > 0.0) & np.isfinite(whole[column])]
     tail = 0.005 if dense else 0.0
-    low = min(0.5 * float(np.nanmin(whole["lower"])), 0.8 * float(np.nanquantile(positive, tail)))
-    high = max(2.0 * float(np.nanmax(whole["upper"])), 1.25 * float(np.nanquantile(positive, 1.0 - tail)))
-    low, high = max(low, 1e-4), min(high, 1e8)
+    ends = [0.8 * np.quantile(positive, tail), 1.25 * np.quantile(positive, 1.0 - tail)] if positive.size else [1.0]
+    lower, upper = whole["lower"][whole["lower"] > 0.0], whole["upper"][np.isfinite(whole["upper"])]  # NaN without law
+    low = float(np.clip(min(*ends, 0.5 * lower.min(initial=1.0)), 1e-4, 0.5))
+    high = float(np.clip(max(*ends, 2.0 * upper.max(initial=1.0)), 2.0, 1e8))
     axes.set_yscale("log")
     axes.set_ylim(low, high)
     logarithmic(axes.yaxis, low, high)
@@ -157,6 +158,11 @@ def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
     return figure
 
 
+def _is_drawn(row: Mapping[str, Any]) -> bool:
+    """Whether a bin of a histogram is none of those for what lies beyond the others."""
+    return row["low"] > 0.0 and bool(np.isfinite(row["high"]))
+
+
 def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -> "Figure":
     """How many runs have which RMSE, and which mean NEES / n: a second heap is of runs that lost their way."""
     from matplotlib.ticker import MaxNLocator
@@ -175,14 +181,18 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
         for (name, mine), colour in zip(bins.items(), _colours(len(bins)), strict=True):
             if not mine:
                 continue
-            # A line at zero wherever bins without runs were left out.
-            counts = {row["low"]: row["runs"] for row in mine}
-            edges = np.unique([edge for row in mine for edge in (row["low"], row["high"])])
+            # A line at zero wherever bins without runs were left out. No axis reaches zero or infinity.
+            counts = {row["low"]: row["runs"] for row in mine if _is_drawn(row)}
+            edges = np.unique([edge for row in mine if _is_drawn(row) for edge in (row["low"], row["high"])])
             heights = [counts.get(edge, 0) for edge in edges[:-1]]
             panel.stairs(heights, edges, color=colour, lw=1.3, label=name, fill=len(bins) == 1, alpha=0.9)
         panel.set_xscale("log")
-        lows, highs = ([row[key] for rows in bins.values() for row in rows] for key in ("low", "high"))
+        drawn = [row for rows in bins.values() for row in rows if _is_drawn(row)]
+        lows, highs = ([row[key] for row in drawn] for key in ("low", "high"))
         logarithmic(panel.xaxis, min(lows, default=np.nan), max(highs, default=np.nan))
+        beyond = sum(row["runs"] for rows in bins.values() for row in rows if not _is_drawn(row))
+        if beyond:
+            what += f"; {beyond} run{'s' * (beyond > 1)} beyond"
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(what)
     axes[0].set_ylabel("runs")
@@ -258,9 +268,9 @@ def _noted(notes: Columns, name: str) -> dict[str, Array]:
 def _limit(axes: "Axes", columns: Sequence[Columns]) -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel."""
     upper, error = (np.concatenate([one[key] for one in columns]) for key in ("upper3", "error"))
-    wide, far = np.nanquantile(upper, 0.9), np.nanquantile(np.abs(error), 0.99)  # NaN where there is none
-    settled = 1.25 * float(np.nanmax([wide, far, 1e-12]))
-    if np.isfinite(settled):
+    parts = ((upper[np.isfinite(upper)], 0.9), (np.abs(error[np.isfinite(error)]), 0.99))
+    sizes = [float(np.quantile(values, share)) for values, share in parts if values.size]
+    if sizes and 0.0 < (settled := 1.25 * max(sizes)) < 1e300:
         axes.set_ylim(-settled, settled)
 
 

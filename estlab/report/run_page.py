@@ -11,7 +11,13 @@ from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Cell, Html, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
 
-_TESTS = {"nees": "NEES / {}", "nis": "NIS / {}", "bias": "bias {} [sigma]", "whiteness": "correlation of innovations"}
+_TESTS = {
+    "nees": "NEES / {}",
+    "nis": "NIS / {}",
+    "bias": "bias {} [sigma]",
+    "whiteness": "correlation of innovations",
+    "inside_3sigma": "share of {} inside 3 sigma, should be that or more",
+}
 
 Make = Callable[[], Html]
 
@@ -126,7 +132,7 @@ class _Run:
             rows.append([*self.named(row.get("filter", "")), _TESTS.get(test, test).replace("{}", row.get("of", ""))])
             rows[-1] += [figure_cell(row), interval_cell(row), number_cell(row.get("expected"))]
             rows[-1] += [p_cell(row.get("p_holm")), f"✗ {outcome}" if outcome == "rejected" else outcome]
-        headings = (*self.filter, "test", "found", "95 % interval", "should be", "p, Holm", "outcome")
+        headings = (*self.filter, "test", "found", "interval, Holm", "should be", "p, Holm", "outcome")
         return join([table("Tests of consistency over the runs", headings, rows), note(found.remark)])
 
     def comparison(self) -> Html:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estlab.report.figures import png, said
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -42,16 +44,41 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     series = list(dict.fromkeys(table["_series"]))
     if numbers and len(series) > _MULTIPLES:
         return [f"no plots: {len(series)} curves or maps would be too many; sweep fewer keys, or draw from {path.name}"]
+    axes = sorted(numbers, key=list(keys).index)
+    failed = []
     for metric, columns in metrics.items():
-        if len(numbers) == 2:
-            figure = draw_maps(table, columns, sorted(numbers, key=list(keys).index), series, units)
-        elif numbers:
-            figure = draw_curves(table, columns, numbers[0], series, units)
+        try:
+            content = _drawn(table, columns, axes, series, units, title)
+        except Warning:
+            raise
+        except Exception as error:
+            failed.append(f"missing: {metric}.png ({type(error).__name__}: {error})")
         else:
-            figure = draw_points(table, columns, series, units)
-        figure.suptitle(textwrap.fill(title, int(10 * figure.get_figwidth())), fontsize=9)
-        save(f"{metric}.png", partial(figure.savefig, format="png", dpi=110))
-    return []
+            save(f"{metric}.png", partial(_put, content))
+    return failed
+
+
+def _drawn(
+    table: "DataFrame",
+    columns: Sequence[str],
+    keys: Sequence[str],
+    series: Sequence[str],
+    units: Mapping[str, str],
+    title: str,
+) -> bytes:
+    """A metric's figure, as a PNG file: over two keys, one or none."""
+    if len(keys) == 2:
+        figure = draw_maps(table, columns, keys, series, units)
+    elif keys:
+        figure = draw_curves(table, columns, keys[0], series, units)
+    else:
+        figure = draw_points(table, columns, series, units)
+    figure.suptitle(textwrap.fill(said(title), int(10 * figure.get_figwidth())), fontsize=9)
+    return png(figure)
+
+
+def _put(content: bytes, stream: Any) -> None:
+    stream.write(content)
 
 
 def draw_curves(

@@ -1,6 +1,6 @@
 """The summary that a person sees: figures, tests, verdicts, who is better; then the path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab.metrics.comparison import against_best
-from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test
+from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WHITENESS, Test
 from estlab.metrics.digits import figure, interval
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.rows import Row
@@ -16,7 +16,13 @@ from estlab.metrics.tally import CAUSES
 from estlab.report.console import console
 from estlab.report.findings import Findings
 
-_TESTS = {NEES: "NEES / {}", NIS: "NIS / {}", BIAS: "bias {} [sigma]", WHITENESS: "correlation of innovations, {}"}
+_TESTS = {
+    NEES: "NEES / {}",
+    NIS: "NIS / {}",
+    BIAS: "bias {} [sigma]",
+    WHITENESS: "correlation of innovations, {}",
+    INSIDE: "share of {} inside 3 sigma",
+}
 
 
 def summary(
@@ -32,7 +38,8 @@ def summary(
     if len(findings) == 1:
         (only,) = findings.values()
         out.print(_components(title, only))
-        out.print(_tests(only))
+        if only.tests:
+            out.print(_tests(only))
         _print_events(out, only)
     else:
         out.print(_filters(title, findings))
@@ -46,7 +53,8 @@ def summary(
             table.add_row(*(cell if isinstance(cell, str) else _cell(cell) for cell in cells))
         out.print(table)
     for name, found in findings.items():
-        out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
+        if found.verdict:
+            out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
     for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
     out.print(Text(where), soft_wrap=True)
@@ -73,13 +81,13 @@ def _components(title: str, found: Findings) -> Table:
 
 def _tests(found: Findings) -> Table:
     """A line a test."""
-    table = _table("", ("is it consistent?", "found", "95 % interval", "should be", "p, Holm"))
+    table = _table("", ("is it consistent?", "found", "interval, Holm", "should be", "p, Holm"))
     for test in found.tests:
-        expected = f"{test.expected:.0f}"
+        expected = f"{LEAST_INSIDE:.3f} or more" if test.name == INSIDE else f"{test.expected:.0f}"
         table.add_row(
             Text(_TESTS[test.name].format(test.of)),
-            figure(test.found),
-            interval(test.found),
+            figure(test.found, test.expected),
+            interval(test.found, test.expected),
             expected,
             test.why or _p_value(test),
         )
@@ -97,7 +105,10 @@ def _filters(title: str, findings: Mapping[str, Findings]) -> Table:
     ]
     heads = {"found": "found", "ess": "ess", "efficiency": "bound / RMSE"}
     names = [f"RMSE {row.component} [{row.unit}]" for row in errors]
-    table = _table(title, ("", *names, "NEES / n", "NIS / m", *(heads[metric] for metric, _ in extra), "diverged"))
+    nees, nis = (_divisor(findings.values(), test) for test in (NEES, NIS))
+    table = _table(
+        title, ("", *names, f"NEES / {nees}", f"NIS / {nis}", *(heads[metric] for metric, _ in extra), "diverged")
+    )
     for name, found in findings.items():
         cells = [_figure(found.row("rmse", row.component)) for row in errors]
         cells += [_figure(found.row(metric)) for metric in ("anees", "anis")]
@@ -105,6 +116,12 @@ def _filters(title: str, findings: Mapping[str, Findings]) -> Table:
         lost = found.row("diverged")
         table.add_row(Text(name), *cells, f"{lost.value:.0f} of {lost.n}" if lost else "")
     return table
+
+
+def _divisor(findings: Iterable[Findings], name: str) -> str:
+    """What a column's NEES or NIS is over: n or m, unless it is another of a filter."""
+    found = dict.fromkeys(test.of for one in findings for test in one.tests if test.name == name)
+    return next(iter(found)) if len(found) == 1 else "expected"
 
 
 def _converged(findings: Mapping[str, Findings]) -> Table:
@@ -134,8 +151,8 @@ def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
         table.add_row(
             Text(row["filter"]),
             _cell(float(f"{row['rmse']:.4g}")),
-            figure(difference),
-            interval(difference),
+            figure(difference, 0.0),
+            interval(difference, 0.0),
             f"{100.0 * row['wins']:.0f} % of runs" if row["n"] > 1 else "",
             real,
             f"{row['cost_ratio']:.2g} ×",
