@@ -32,6 +32,7 @@ def check(settings: Settings, names: Names) -> None:
     if data.source == "simulated" and (data.path is not None or data.prefix):
         key = f"data.prefix={data.prefix}" if data.path is None else f"data.path={data.path}"
         raise UserError(f"{key} would not be read: add data=files")
+    _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
         raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
@@ -62,6 +63,15 @@ def check(settings: Settings, names: Names) -> None:
     estimates = [name + end for name in filters_of(settings, names) for end in endings]
     expectations.parse(settings.expect, estimates)
     expectations.parse_sets(settings.expect_files, estimates)
+
+
+def _check_file_names(settings: Settings) -> None:
+    kinds = list(settings.scenario.file_names)
+    for kind, name in settings.data.files.items():
+        if settings.data.source == "simulated":
+            raise UserError(f"data.files.{kind}={name} would not be read: add data=files")
+        if kind not in kinds:
+            raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
 
 
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:

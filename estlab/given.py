@@ -7,7 +7,10 @@ from typing import Any
 from estlab.errors import UserError
 
 # Of simulated data alone, and what does the same to a recording.
-_INSTEAD = {"duration": "steps=N takes the first N steps", "dropped": "dropped=0.5 drops half of the readings"}
+_INSTEAD = {
+    "scenario.duration": "steps=N takes the first N steps",
+    "scenario.dropped": "dropped=0.5 drops half of the readings",
+}
 
 # What lets an experiment's own expectations go: they are of the data that its file runs on.
 _OTHER_DATA = ("data=files", "data.source=files")
@@ -29,15 +32,15 @@ def experiment_file(choice: str, folders: Sequence[Path]) -> Mapping[str, Any]:
 
 
 def refuse_unread(unread: Mapping[str, str], words: Iterable[str], experiment: Mapping[str, Any]) -> None:
-    """Raise UserError for a key of the scenario that is given and that nothing would read.
+    """Raise UserError for a key that is given and that nothing would read.
 
-    unread: the keys below scenario that this run does not read, with what would. words: those typed.
+    unread: the keys that this run does not read, with what would. words: those typed.
     """
     typed = [(word.lstrip("+"), word.lstrip("+").partition("=")[0]) for word in words if "=" in word]
     stated = [(f"{key}={value} of the experiment", key) for key, value in _leaves(experiment, "")]
     for word, path in [*typed, *stated]:
         for key, reader in unread.items():
-            if f"{path}.".startswith(f"scenario.{key}."):
+            if f"{path}.".startswith(f"{key}."):
                 instead = _INSTEAD.get(key, "leave it out")
                 raise UserError(f"{word} would not be read: it is of {reader}; {instead}")
 

@@ -217,7 +217,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     given.refuse_single_filter(words, plain["filters"])
     folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     stated = given.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
-    if "scenario" in stated or any(word.lstrip("+").startswith("scenario.") for word in words):
+    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
         given.refuse_unread(_unread(plain), words, stated)
     changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
@@ -227,14 +227,19 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
 
 
 def _unread(plain: "dict[str, Any]") -> dict[str, str]:
-    """The scenario's keys that this configuration does not read; none where it does not build, as will be said."""
+    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
     from estlab.config import build
 
     try:
         settings = build(plain)
     except UserError:
         return {}
-    return settings.scenario.unread(settings.data.source)
+    scenario, source = settings.scenario, settings.data.source
+    unread = {f"scenario.{key}": reader for key, reader in scenario.unread(source).items()}
+    if source == "simulated" or not scenario.timed:
+        reader = "data=files" if scenario.timed else "recordings that carry times"
+        unread |= dict.fromkeys(("data.clock_faults", "data.clock_gap"), reader)
+    return unread
 
 
 def _reason(error: BaseException, log: Path) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from estlab.datasets import epuck as files
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky
@@ -18,6 +19,7 @@ from estlab.models import camera
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
+from estlab.scenarios.closeness import CLOSENESS, closeness
 from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds
 
 if TYPE_CHECKING:
@@ -44,6 +46,7 @@ class Epuck(Scenario):
     """Position fixes of a robot whose speed and heading walk at random."""
 
     of_simulation: ClassVar = ("duration", "truth", "alpha_sd", "wobble_sd")
+    file_names = files.LAYOUT
 
     dt: float
     duration: float
@@ -108,11 +111,19 @@ class Epuck(Scenario):
         record = self._record(truth, fixes, alpha[:, 0])
         return replace(record, origin=begin) if self._has_bound(noise) else record
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        recording = files.read(folder, prefix)
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        remark = "the files hold no truth: nothing is scored; alpha, measured too, is shown beside the estimates"
-        return self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.files, (remark,))
+        shown = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
+        return replace(
+            record,
+            files=recording.files,
+            remarks=(f"the files hold no truth: nothing is scored{shown}", *recording.remarks),
+            repeated=True,
+        )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         if record.time.size < 2:
@@ -125,14 +136,14 @@ class Epuck(Scenario):
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """How close the first run of each filter keeps to what was measured, and how smoothly; no truth is needed."""
-        rows = [_closeness(history) for history in histories.values()]
-        names = (
-            "RMS to the fixes [cm]", "largest distance [cm]", "RMS to alpha [rad]", "behind alpha [s]",
-            "RMS turn a step [rad]",
-        )  # fmt: skip
+        rows = [closeness(history, _until(history)[0]) for history in histories.values()]
         return {
             f"run {next(iter(histories.values())).run}": list(histories),
-            **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
+            **{
+                name: list(column)
+                for name, column in zip(CLOSENESS, zip(*rows, strict=True), strict=True)
+                if not np.isnan(column).all()
+            },
         }
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
@@ -151,10 +162,11 @@ class Epuck(Scenario):
             ms=4,
             label="from differences of the fixes; alpha",
         )
-        steady = np.unwrap(alpha)
-        below.plot(time, steady, ".", color="0.6", ms=4)
+        steady = _unrolled(alpha)
+        below.plot(time, np.where(np.isfinite(alpha), steady, np.nan), ".", color="0.6", ms=4)
         for axes in (above, below):
-            axes.set_ylim(*_with_room(axes.dataLim.intervaly))
+            if np.isfinite(axes.dataLim.intervaly).all():
+                axes.set_ylim(*_with_room(axes.dataLim.intervaly))
             axes.grid(alpha=0.3)
         if np.isfinite(first.truth).any():
             above.plot(first.time, first.truth[SPEED], color="black", lw=1.6, label="truth")
@@ -192,30 +204,23 @@ class Epuck(Scenario):
             goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _SPEED.size, goal)
         return camera.SPACE.plus(truth, np.zeros(1))
 
-    def _record(
-        self,
-        truth: Array,
-        fixes: Array,
-        alpha: Array,
-        read: tuple[Path, ...] = (),
-        remarks: tuple[str, ...] = (),
-    ) -> Record:
-        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too."""
-        time = self.dt * np.arange(fixes.shape[1])
+    def _record(self, truth: Array, fixes: Array, alpha: Array, first: int = 0) -> Record:
+        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too.
+
+        first: the number of its frame.
+        """
+        time = self.dt * (first + np.arange(fixes.shape[1]))
         steps = time.size - 1
         dx, dy = fixes[:, 1] - fixes[:, 0]
         begin = np.stack([*fixes[:, 0], np.hypot(dx, dy) / self.dt, np.arctan2(dy, dx)])
         return Record(
-            0.0,
+            float(time[0]),
             time[1:],
             truth[:, 1:],
             np.empty((0, steps, 1)),
             Readings(np.arange(steps), fixes[:, 1:], np.zeros((steps, fixes.shape[2]), dtype=int)),
             Gaussian(begin, self._initial_cov()),
-            read,
-            remarks,
             shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
-            repeated=bool(read),
         )
 
     def _has_bound(self, noise: Scales) -> bool:
@@ -245,6 +250,14 @@ def _until(history: History) -> tuple[Array, Array, Array]:
     return history.shown["alpha"][kept], history.shown["frame_time"][kept], history.shown["fixes"][:, kept]
 
 
+def _unrolled(alpha: Array) -> Array:
+    """alpha without jumps at the cut; where it was not measured, as between its neighbours."""
+    known = np.flatnonzero(np.isfinite(alpha))
+    if not known.size:
+        return np.zeros(alpha.size)
+    return np.interp(np.arange(alpha.size), known, np.unwrap(alpha[known]))
+
+
 def _near(heading: Array, about: Array) -> Array:
     """The headings, as near to others as whole turns allow, so that no line jumps at the cut."""
     return about + wrap(heading - about)
@@ -255,33 +268,3 @@ def _with_room(interval: Array) -> tuple[float, float]:
     low, high = interval
     room = 0.25 * max(high - low, 1e-3)
     return low - room, high + room
-
-
-def _closeness(history: History) -> tuple[float, ...]:
-    """The numbers of :meth:`Epuck.table`, over the steps before the filter diverged."""
-    alpha, _, _ = _until(history)
-    off = np.hypot(*(history.mean[:2, history.step] - history.values))
-    from_alpha, turn = wrap(history.mean[HEADING] - alpha[1:]), wrap(np.diff(history.mean[HEADING]))
-    largest = off[np.isfinite(off)].max() if np.isfinite(off).any() else np.nan
-    late = _delay(history.mean[HEADING], alpha[1:], history.time)
-    return tuple(float(f"{value:.4g}") for value in (_rms(off), largest, _rms(from_alpha), late, _rms(turn)))
-
-
-def _delay(heading: Array, alpha: Array, time: Array) -> float:
-    """By how much a heading (T,) comes after alpha (T,) [s]: the shift, up to 2 s, that brings them closest."""
-    known = np.isfinite(heading) & np.isfinite(alpha)
-    if known.sum() < 5:
-        return np.nan
-    time, heading, alpha = time[known], np.unwrap(heading[known]), np.unwrap(alpha[known])
-
-    def apart(shift: float) -> float:
-        now = time <= time[-1] - shift
-        return _rms(wrap(np.interp(time[now] + shift, time, heading) - alpha[now]))
-
-    return float(min(np.arange(0.0, min(2.0, time[-4] - time[0]), 0.02), key=apart))
-
-
-def _rms(values: Array) -> float:
-    """The root mean square of what is finite; NaN where nothing is."""
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.nan
