@@ -13,6 +13,7 @@ from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, si
 from estlab.paths import conf_folder
 from estlab.signals import interruptible
 from estlab.stdio import Streams
+from estlab.warned import in_a_line
 
 HELP = """\
 estlab: a command-line laboratory for nonlinear state estimation
@@ -56,7 +57,8 @@ def _run(arguments: list[str]) -> int:
     try:
         if {*arguments[:1]} & {*_COMMANDS} - {"list"}:
             enough_memory(f"estlab {arguments[0]}")
-        return _dispatch(arguments)
+        with in_a_line(complain):
+            return _dispatch(arguments)
     except UserError as error:
         return complain(str(error))
     except KeyboardInterrupt:

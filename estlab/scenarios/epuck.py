@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from estlab.datasets import epuck as files
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky
@@ -18,6 +19,7 @@ from estlab.models import camera
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
+from estlab.scenarios.closeness import CLOSENESS, closeness
 from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds
 
 if TYPE_CHECKING:
@@ -26,13 +28,15 @@ if TYPE_CHECKING:
 
 X, Y, SPEED, HEADING = range(4)
 
-# The simulated drive: corners of a tour on the table [cm], each with the speed [cm/s] at which it is made for.
-_TOUR = np.array([[82, 18], [84, 66], [52, 80], [44, 46], [14, 44], [20, 84], [60, 60], [60, 20], [14, 16]]).T
-_SPEED = np.array([7.0, 8.0, 6.0, 5.0, 6.0, 8.0, 8.0, 6.0, 7.0])
-_ARRIVED = 12.0  # [cm] from a corner, the driver makes for the next
-_BEND = 0.3  # [rad/s], as fast as he turns
-_BEGIN = np.array([16.0, 20.0, 7.0, 0.0])
-_BEGIN_WITHIN = np.array([5.0, 5.0, 0.5, 0.2])  # a run's start is uniform within this of the one above
+# The simulated drive, as lively as the filmed one: corners of a tour on the table [cm], each with the speed [cm/s] at
+# which it is made for.
+_TOUR = np.array([[28, 8], [36, 24], [18, 28], [8, 42], [26, 50], [36, 38], [54, 42], [56, 24], [44, 8]]).T
+_SPEED = np.array([6.0, 6.5, 6.0, 4.0, 6.0, 6.5, 6.0, 4.0, 6.0])
+_ARRIVED = 5.0  # [cm] from a corner, the driver makes for the next
+_BEND = 1.0  # [rad/s], as fast as he turns
+_EAGER = 4.0  # [1/s], turn rate for each radian off course, until that fastest
+_BEGIN = np.array([14.0, 10.0, 6.0, 0.0])
+_BEGIN_WITHIN = np.array([3.0, 3.0, 0.5, 0.2])  # a run's start is uniform within this of the one above
 _SUBSTEPS = 10  # the film has ten frames for each one that is used
 _HEADING_SD = np.radians(10.0)  # of the initial estimate, in the document
 
@@ -40,6 +44,9 @@ _HEADING_SD = np.radians(10.0)  # of the initial estimate, in the document
 @dataclass(frozen=True)
 class Epuck(Scenario):
     """Position fixes of a robot whose speed and heading walk at random."""
+
+    of_simulation: ClassVar = ("duration", "truth", "alpha_sd", "wobble_sd")
+    file_names = files.LAYOUT
 
     dt: float
     duration: float
@@ -66,6 +73,10 @@ class Epuck(Scenario):
                 "initial_covariance=document is not a covariance: not positive definite, its x-heading correlation is "
                 f"{self._x_heading_correlation():.2f}; use diagonal, the same without the cross terms"
             )
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        keys = {"wobble_sd": "scenario.truth=drive"} if self.truth == "model" else {}
+        return keys | super().unread(source)
 
     @property
     def lost_beyond(self) -> float:
@@ -100,11 +111,19 @@ class Epuck(Scenario):
         record = self._record(truth, fixes, alpha[:, 0])
         return replace(record, origin=begin) if self._has_bound(noise) else record
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        recording = files.read(folder, prefix)
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        remark = "the files hold no truth: nothing is scored; alpha, measured too, is shown beside the estimates"
-        return self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.files, (remark,))
+        shown = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
+        return replace(
+            record,
+            files=recording.files,
+            remarks=(f"the files hold no truth: nothing is scored{shown}", *recording.remarks),
+            repeated=True,
+        )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         if record.time.size < 2:
@@ -117,11 +136,14 @@ class Epuck(Scenario):
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """How close the first run of each filter keeps to what was measured, and how smoothly; no truth is needed."""
-        rows = [_closeness(history) for history in histories.values()]
-        names = ("RMS to the fixes [cm]", "largest distance [cm]", "RMS to alpha [rad]", "RMS turn a step [rad]")
+        rows = [closeness(history, _until(history)[0]) for history in histories.values()]
         return {
             f"run {next(iter(histories.values())).run}": list(histories),
-            **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
+            **{
+                name: list(column)
+                for name, column in zip(CLOSENESS, zip(*rows, strict=True), strict=True)
+                if not np.isnan(column).all()
+            },
         }
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
@@ -140,10 +162,11 @@ class Epuck(Scenario):
             ms=4,
             label="from differences of the fixes; alpha",
         )
-        steady = np.unwrap(alpha)
-        below.plot(time, steady, ".", color="0.6", ms=4)
+        steady = _unrolled(alpha)
+        below.plot(time, np.where(np.isfinite(alpha), steady, np.nan), ".", color="0.6", ms=4)
         for axes in (above, below):
-            axes.set_ylim(*_with_room(axes.dataLim.intervaly))
+            if np.isfinite(axes.dataLim.intervaly).all():
+                axes.set_ylim(*_with_room(axes.dataLim.intervaly))
             axes.grid(alpha=0.3)
         if np.isfinite(first.truth).any():
             above.plot(first.time, first.truth[SPEED], color="black", lw=1.6, label="truth")
@@ -172,7 +195,7 @@ class Epuck(Scenario):
         for k in range(steps * _SUBSTEPS):
             x, y, speed, heading = state
             dx, dy = _TOUR[0, goal] - x, _TOUR[1, goal] - y
-            turn = frame * np.clip(wrap(np.arctan2(dy, dx) - heading), -_BEND, _BEND)
+            turn = frame * np.clip(_EAGER * wrap(np.arctan2(dy, dx) - heading), -_BEND, _BEND)
             faster = frame * 0.5 * (_SPEED[goal] - speed)
             middle = heading + 0.5 * turn
             x, y = x + frame * speed * np.cos(middle), y + frame * speed * np.sin(middle)
@@ -181,30 +204,23 @@ class Epuck(Scenario):
             goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _SPEED.size, goal)
         return camera.SPACE.plus(truth, np.zeros(1))
 
-    def _record(
-        self,
-        truth: Array,
-        fixes: Array,
-        alpha: Array,
-        read: tuple[Path, ...] = (),
-        remarks: tuple[str, ...] = (),
-    ) -> Record:
-        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too."""
-        time = self.dt * np.arange(fixes.shape[1])
+    def _record(self, truth: Array, fixes: Array, alpha: Array, first: int = 0) -> Record:
+        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too.
+
+        first: the number of its frame.
+        """
+        time = self.dt * (first + np.arange(fixes.shape[1]))
         steps = time.size - 1
         dx, dy = fixes[:, 1] - fixes[:, 0]
         begin = np.stack([*fixes[:, 0], np.hypot(dx, dy) / self.dt, np.arctan2(dy, dx)])
         return Record(
-            0.0,
+            float(time[0]),
             time[1:],
             truth[:, 1:],
             np.empty((0, steps, 1)),
             Readings(np.arange(steps), fixes[:, 1:], np.zeros((steps, fixes.shape[2]), dtype=int)),
             Gaussian(begin, self._initial_cov()),
-            read,
-            remarks,
             shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
-            repeated=bool(read),
         )
 
     def _has_bound(self, noise: Scales) -> bool:
@@ -234,6 +250,14 @@ def _until(history: History) -> tuple[Array, Array, Array]:
     return history.shown["alpha"][kept], history.shown["frame_time"][kept], history.shown["fixes"][:, kept]
 
 
+def _unrolled(alpha: Array) -> Array:
+    """alpha without jumps at the cut; where it was not measured, as between its neighbours."""
+    known = np.flatnonzero(np.isfinite(alpha))
+    if not known.size:
+        return np.zeros(alpha.size)
+    return np.interp(np.arange(alpha.size), known, np.unwrap(alpha[known]))
+
+
 def _near(heading: Array, about: Array) -> Array:
     """The headings, as near to others as whole turns allow, so that no line jumps at the cut."""
     return about + wrap(heading - about)
@@ -244,18 +268,3 @@ def _with_room(interval: Array) -> tuple[float, float]:
     low, high = interval
     room = 0.25 * max(high - low, 1e-3)
     return low - room, high + room
-
-
-def _closeness(history: History) -> tuple[float, ...]:
-    """The numbers of :meth:`Epuck.table`, over the steps before the filter diverged."""
-    alpha, _, _ = _until(history)
-    off = np.hypot(*(history.mean[:2, history.step] - history.values))
-    from_alpha, turn = wrap(history.mean[HEADING] - alpha[1:]), wrap(np.diff(history.mean[HEADING]))
-    largest = off[np.isfinite(off)].max() if np.isfinite(off).any() else np.nan
-    return tuple(float(f"{value:.4g}") for value in (_rms(off), largest, _rms(from_alpha), _rms(turn)))
-
-
-def _rms(values: Array) -> float:
-    """The root mean square of what is finite; NaN where nothing is."""
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.nan

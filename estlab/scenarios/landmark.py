@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from estlab.datasets import mrclam
-from estlab.datasets.truth import on_timeline, trusted_heading
-from estlab.errors import UserError
+from estlab.datasets.files import DEFAULTS, Options
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
@@ -17,6 +16,7 @@ from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.landmark_files import timeline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +42,13 @@ _COMMANDS = np.array([[0.5, 0.0], [0.0, -0.5 / np.pi], [0.5, 0.0], [0.0, 0.5 / n
 class Landmark(Scenario):
     """Range and bearing to landmarks known by their barcodes; simulated room or MRCLAM files."""
 
+    of_simulation: ClassVar = (
+        "dt", "duration", "reading_every", "max_range", "field_of_view", "dropped", "speed", "drive",
+    )  # fmt: skip
+    of_recordings: ClassVar = ("truth_gap", "unknown_barcodes")
+    file_names = mrclam.LAYOUT
+    timed = True
+
     dt: float
     duration: float
     reading_every: int
@@ -56,6 +63,7 @@ class Landmark(Scenario):
     initial: Literal["drawn", "truth"]
     update: Literal["sequential", "stacked", "interleaved"]
     interleave_dt: float
+    sightings: list[list[float]]
     truth_gap: float
     unknown_barcodes: float
     lost_radius: float
@@ -70,11 +78,20 @@ class Landmark(Scenario):
         check_sds("initial_sd", self.initial_sd, 3)
         if not 1 <= self.reading_every <= 1_000_000:
             raise ValueError(f"reading_every must be from 1 to 1e6, got {self.reading_every}")
+        for i, sighting in enumerate(self.sightings):
+            if len(sighting) != 5:
+                raise ValueError(f"sightings[{i}] must be [x, y, heading, landmark x, landmark y], got {sighting}")
         if not 0.0 < self.field_of_view <= 2.0 * np.pi:
             raise ValueError(f"field_of_view must be > 0 and at most 2 pi [rad], got {self.field_of_view:g}")
         for name, share in (("dropped", self.dropped), ("unknown_barcodes", self.unknown_barcodes)):
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} must be a share from 0 to 1, got {share:g}")
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        keys = {} if self.update == "interleaved" else {"interleave_dt": "scenario.update=interleaved"}
+        if self.drive == "commands":
+            keys["speed"] = "scenario.drive=tour"
+        return keys | super().unread(source)
 
     @property
     def lost_beyond(self) -> float:
@@ -108,44 +125,34 @@ class Landmark(Scenario):
         duration = self.duration if self.drive == "tour" else min(self.duration, float(_COMMANDS.shape[1]))
         steps = round(duration / self.dt)
         time = self.dt * np.arange(1, steps + 1)
-        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
+        first = _TOUR[:, 0] if self.drive == "tour" else np.zeros(2)
+        begin = np.array([*first, 0.0])[:, None].repeat(len(runs), axis=1)
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
         prior = self._prior(streams, runs, begin)
-        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, origin=begin)
+        shown = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
+        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, shown=shown, origin=begin)
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        recording = mrclam.read(folder, prefix, self.unknown_barcodes)
-        known = _trusted(recording.truth, self.truth_gap)
-        origin, start = self._start(recording, known)
-        odometry_time = recording.odometry[:, 0] - origin
-        reading_time = recording.reading_time - origin
-        late = reading_time > start
-        time = np.unique(np.concatenate([odometry_time[odometry_time > start], reading_time[late]]))
-        if not late.any() or time.size == 0:
-            taken, odometry = recording.files[1], recording.files[0]
-            raise UserError(
-                f"{taken}: no reading while the truth is known and {odometry.name} goes on; do their times agree?"
-            )
-        before = np.concatenate([[start], time[:-1]])
-        held = np.searchsorted(odometry_time, before, side="right") - 1
-        truth = self._truth_at(time + origin, recording.truth, known)
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = mrclam.read(folder, prefix, self.unknown_barcodes, options)
+        line = timeline(recording, self.truth_gap, options.clock_gap, self.measurement_sd)
         every = len(runs)
         readings = Readings(
-            np.searchsorted(time, reading_time[late]),
-            recording.readings[:, late, None].repeat(every, axis=2),
-            recording.target[late, None].repeat(every, axis=1),
+            line.step,
+            recording.readings[:, line.taken, None].repeat(every, axis=2),
+            recording.target[line.taken, None].repeat(every, axis=1),
         )
-        begin = self._truth_at(np.array([start + origin]), recording.truth, known).repeat(every, axis=1)
         return Record(
-            start,
-            time,
-            truth[:, :, None].repeat(every, axis=2),
-            recording.odometry[held, 1:].T[:, :, None],
+            line.start,
+            line.time,
+            line.truth[:, :, None].repeat(every, axis=2),
+            line.control[:, :, None],
             readings,
-            self._prior(streams, runs, begin),
+            self._prior(streams, runs, line.begin[:, None].repeat(every, axis=1), line.sds),
             recording.files,
-            (*recording.remarks, *_truth_remarks(truth)),
+            (*recording.remarks, *line.remarks),
             recording.landmarks,
             repeated=True,
         )
@@ -154,21 +161,47 @@ class Landmark(Scenario):
         time = np.concatenate([[record.start], record.time])
         control = np.concatenate([record.control[:, :, 0].T, np.zeros((1, 2))])
         seen = np.isfinite(record.readings.values[:, :, 0]).all(axis=0)
-        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])
+        assert record.origin is not None
         recording = mrclam.Recording(
             odometry=np.column_stack([time, control]),
-            truth=np.column_stack([time, np.concatenate([begin[None], record.truth[:, :, 0].T])]),
+            truth=np.column_stack([time, np.concatenate([record.origin[:, 0][None], record.truth[:, :, 0].T])]),
             reading_time=record.time[record.readings.step[seen]],
             readings=record.readings.values[:, seen, 0],
             target=record.readings.target[seen, 0],
             landmarks=_LANDMARKS,
             subjects=mrclam.FIRST_LANDMARK + np.arange(_LANDMARKS.shape[1]),
             barcodes=_BARCODES,
-            files=(),
+            paths={},
         )
         return mrclam.write(recording, folder, prefix)
 
+    def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """What would be read at the sightings asked for; else of the sample commands, where each of them ends."""
+        if self.sightings:
+            columns = np.array(self.sightings).T
+            pose, (x, y) = columns[:3], columns[3:]
+            distance, bearing = landmarks.range_bearing(pose, columns[3:])
+            return {
+                "sighting": [str(i + 1) for i in range(x.size)],
+                **dict(zip(("x [m]", "y [m]", "heading [rad]"), map(list, pose), strict=True)),
+                "landmark x [m]": list(x),
+                "landmark y [m]": list(y),
+                "range [m]": [float(f"{value:.4f}") for value in distance],
+                "bearing [rad]": [float(f"{value:.4f}") for value in wrap(np.asarray(bearing))],
+            }
+        history = next(iter(histories.values()))
+        if "commands" not in history.shown:
+            return {}
+        ends = [k for k, time in enumerate(history.time) if abs(time - round(time)) < 0.5 * self.dt]
+        commanded = [list(column) for column in history.shown["commands"][:, ends]]
+        reached = [[float(f"{value:.4f}") + 0.0 for value in component] for component in history.mean[:, ends]]
+        names = ("v [m/s]", "w [rad/s]", "x [m]", "y [m]", "heading [rad]")
+        seconds = [f"{history.time[k]:.0f}" for k in ends]
+        return {"after [s]": seconds, **dict(zip(names, [*commanded, *reached], strict=True))}
+
     def draw(self, axes: "Axes", history: History) -> None:
+        if not history.step.size:
+            return  # a path alone is seen better without the room about it
         seen = landmarks.seen_at(history.mean[:, history.step], history.values)
         axes.plot(seen[0], seen[1], ".", color="C1", ms=2, alpha=0.4, label="readings, placed from the estimate")
         axes.plot(history.places[0], history.places[1], "ks", ms=6, label="landmarks")
@@ -214,34 +247,9 @@ class Landmark(Scenario):
         reading, slot = np.nonzero(used.T)
         return Readings(when[reading], values[:, slot, reading], order[slot, reading])
 
-    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
-        cov = diagonal_cov(self.initial_sd)
-        if self.initial == "truth":
+    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array, sds: Array | None = None) -> Gaussian:
+        """About the start, with initial_sd; with ``sds`` of their own where the start was told from readings."""
+        cov = diagonal_cov(self.initial_sd if sds is None else np.maximum(self.initial_sd, sds).tolist())
+        if self.initial == "truth" or sds is not None:
             return Gaussian(begin, cov)
         return Gaussian(draw(unicycle.SPACE, Gaussian(begin, cov), streams.normals("prior", runs, (3,))), cov)
-
-    def _truth_at(self, time: Array, truth: Array, known: Array) -> Array:
-        """Pose (3, T): NaN over gaps; a heading that is not to be trusted is NaN while the position stays."""
-        pose = on_timeline(time, truth[:, 0], truth[:, 1:].T, (2,), self.truth_gap)
-        good = on_timeline(time, truth[:, 0], known[None].astype(float), (), self.truth_gap)
-        pose[2, ~(good[0] == 1.0)] = np.nan
-        return pose
-
-    def _start(self, recording: mrclam.Recording, known: Array) -> tuple[float, float]:
-        """The origin of time, and the first odometry time after it at which the truth is known."""
-        time = recording.odometry[:, 0]
-        fixed = np.isfinite(self._truth_at(time, recording.truth, known)).all(axis=0)
-        if not fixed.any():
-            odometry, truth = recording.files[0], recording.files[2]
-            raise UserError(f"{truth}: no trusted truth at any time of {odometry.name}; is it another robot's?")
-        return float(time[0]), float(time[np.flatnonzero(fixed)[0]] - time[0])
-
-
-def _trusted(truth: Array, gap: float) -> Array:
-    time, x, y, heading = truth.T
-    return trusted_heading(time, x, y, heading, gap)
-
-
-def _truth_remarks(truth: Array) -> tuple[str, ...]:
-    place, heading = np.isfinite(truth[0]).mean(), np.isfinite(truth[2]).mean()
-    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}",) if heading < 1.0 else ()
