@@ -26,6 +26,8 @@ _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
+RESOURCE = "the system"  # which an error blames that names no file: a process, a pipe or shared memory is not to be had
+
 # By number of the system's error, what to do about a file of the run that cannot be written.
 _REMEDIES = {
     errno.ENOSPC: "make room or set output to another disk",
@@ -259,7 +261,7 @@ def _reason(error: BaseException, log: Path) -> str:
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
     if isinstance(error, OSError):
         remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
+        return f"{error.filename or RESOURCE}: {error.strerror}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 

@@ -1,6 +1,7 @@
 """Running what is left of a sweep, by any of Hydra's launchers, until every job has ended or may not be tried again."""
 
 import contextlib
+import errno
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from estlab import rundir
 from estlab.errors import UserError
 from estlab.groups import Sweep
+from estlab.launch import RESOURCE
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned
@@ -120,6 +122,7 @@ class Rounds:
 
 def _told(error: Exception) -> str:
     if isinstance(error, OSError):
-        return f"{error.filename or 'the disk'}: {error.strerror or error}"
+        full = error.errno == errno.ENOSPC and error.filename is None
+        return f"{error.filename or ('shared memory (/dev/shm)' if full else RESOURCE)}: {error.strerror or error}"
     said = " ".join(str(error).split())
     return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
