@@ -16,7 +16,6 @@ from estlab.report.components import selection
 from estlab.report.figures import (
     broken_at_gaps,
     cornered,
-    drawable,
     legend_below,
     logarithmic,
     named,
@@ -128,7 +127,7 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
     shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
-    values = drawable(shown[column])
+    values = np.minimum(shown[column], 1e99)  # the largest that a picture's coordinates hold
     axes.plot(
         shown["time"], np.where(values > 0.0, values, np.nan), style, color=colour, lw=1.1, label=short(label, 90)
     )
