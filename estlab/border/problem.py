@@ -1,9 +1,8 @@
 """A scenario's answers, each held to its contract as it is given."""
 
 import typing
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from estlab.filters.contract import Filter
 from estlab.filters.gaussian import DeadReckoning
 from estlab.filters.loop import Scheme
 from estlab.maths.space import Array
-from estlab.maths.streams import Streams
 from estlab.models.answers import refuse
 from estlab.models.border import check_motion, check_noise, check_sensor, check_space, try_motion, try_sensor
 from estlab.models.contract import Motion, Sensor
@@ -39,26 +37,20 @@ def scheme_of(scenario: Scenario) -> tuple[Scheme, float]:
     return scheme
 
 
-def simulated(scenario: Scenario, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
-    """The record of these runs. Raises AnswerError, naming the field."""
-    where = f"{name_of(scenario)}.simulate"
-    with _in(scenario):
-        made = scenario.simulate(streams, runs, noise)
-    record = check_record(where, made, scenario.space, len(runs))
+def recorded(scenario: Scenario, make: "partial[Any]", runs: int) -> Record:
+    """The record of so many runs that a method of a scenario makes. Raises AnswerError, naming the field."""
+    where = f"{name_of(scenario)}.{make.func.__name__}"
+    try:
+        made = make()
+    except AnswerError as error:  # of what the method called
+        raise AnswerError(f"{name_of(scenario)}.{error}") from error
+    record = check_record(where, made, scenario.space, runs)
     if record.origin is not None and np.isnan(record.truth).any():
         k = int(np.isnan(record.truth).any(axis=(0, 2)).argmax())
         refuse(
             where, f"truth is NaN from time {record.time[k]:g} on, though it is drawn; look at move and noise_cov there"
         )
     return record
-
-
-def read(scenario: Scenario, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-    """The recording. Raises AnswerError, naming the field."""
-    where = f"{name_of(scenario)}.read"
-    with _in(scenario):
-        made = scenario.read(folder, prefix, streams, runs)
-    return check_record(where, made, scenario.space, len(runs))
 
 
 def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, filters: Sequence[Filter]) -> None:
@@ -77,12 +69,3 @@ def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, fi
 def name_of(thing: Any) -> str:
     """A user's object by its class, as it is written in a configuration."""
     return f"{type(thing).__module__}.{type(thing).__qualname__}"
-
-
-@contextmanager
-def _in(scenario: Scenario) -> Iterator[None]:
-    """What is found wrong in the course of a scenario's answer is of that scenario."""
-    try:
-        yield
-    except AnswerError as error:
-        raise AnswerError(f"{name_of(scenario)}.{error}") from error
