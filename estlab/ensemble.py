@@ -13,6 +13,7 @@ from estlab.blocks import block, block_count
 from estlab.border import problem
 from estlab.border.filters import try_filter
 from estlab.config import Settings
+from estlab.errors import UserError
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
 from estlab.maths.space import Array
@@ -34,11 +35,15 @@ log = logging.getLogger("estlab")
 
 @dataclass(frozen=True)
 class Names:
-    """What the user chose, as he named it, and what he changed."""
+    """What the user chose, as he named it, and what he changed.
+
+    set_aside: whether expectations of his experiment were left out, being of other data than he took.
+    """
 
     scenario: str
     filter: str
     changes: tuple[str, ...] = ()
+    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,12 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
         make = partial(scenario.read, Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
         make = partial(scenario.simulate, streams, runs, settings.noise.truth)
-    return problem.recorded(scenario, make, len(runs)).first(settings.steps)
+    record = problem.recorded(scenario, make, len(runs)).first(settings.steps)
+    if settings.dropped == 0.0:
+        return record
+    if record.readings.step.size == 0:
+        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+    return record.thinned(settings.dropped, streams, runs)
 
 
 def workers(settings: Settings, names: Names) -> Workers[Block]:
