@@ -1,5 +1,6 @@
 """How a user is told no."""
 
+import errno
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -49,7 +50,9 @@ def plugin_fault(error: BaseException, plugins: Sequence[str]) -> str:
     It is a plugin's if it passed through one: what a plugin calls it answers for. Errors that are a line already are
     nobody's.
     """
-    if isinstance(error, (UserError, WorkerLostError, IncompleteError, PluginError, MemoryError, Warning)):
+    if isinstance(error, (UserError, WorkerLostError, IncompleteError, PluginError, Warning)) or is_lack_of_memory(
+        error
+    ):
         return ""
     theirs = [frame for frame in frames(error) if frame.module.partition(".")[0] in plugins]
     if not theirs:
@@ -68,6 +71,16 @@ def plugins_answer(plugins: Sequence[str]) -> Iterator[None]:
         if fault := plugin_fault(error, plugins):
             raise PluginError(fault) from error
         raise
+
+
+NO_MEMORY = "out of memory; end other programs, or raise the limit of this one (ulimit -v)"
+
+
+def is_lack_of_memory(error: BaseException) -> bool:
+    """Whether an error says, in whatever way, that memory ran out."""
+    if isinstance(error, ImportError):  # as the loader of compiled modules says it
+        return "failed to map segment" in str(error) or "annot allocate memory" in str(error)
+    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
 
 
 def printable(text: str) -> str:

@@ -1,6 +1,7 @@
 """One experiment from settings to a run directory. It assembles records, filters, metrics, report; it computes none."""
 
 import contextlib
+import importlib
 import logging
 import tempfile
 from collections.abc import Callable, Iterable
@@ -75,6 +76,8 @@ def check(settings: Settings, names: Names) -> None:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
             raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+        if settings.engine == "numba":
+            cores.enough_memory("numba")
         try:
             loop.check_engine()
         except ValueError as error:
@@ -113,6 +116,9 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
     directory.describe(names=asdict(names), scenario=names.scenario, filters=list(filters))
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
+    # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
+    # there is no room for it.
+    importlib.import_module("scipy.special")
     with workers(settings, names) as crew:
         first = record_of(settings, names, block(settings, 0))
         check_answers(settings, names, first)
