@@ -143,7 +143,7 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
     assert said(OSError("odd")) == f"odd; the traceback is in {log}"
     assert said(OSError()) == f"OSError; the traceback is in {log}"
     # Whoever raises it in the rooms of the run directory speaks of it.
-    source = compile("raise OSError(28 - 23, 'no answer')", "rundir", "exec")
+    source = compile("raise PermissionError(13, 'no answer')", "rundir", "exec")
 
     def in_rundir():
         exec(source, {"__name__": "estlab.rundir.write"})
