@@ -35,8 +35,6 @@ _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
-RESOURCE = "the system"  # which an error blames that names no file: a process, a pipe or shared memory is not to be had
-
 # By number of the system's error, what to do about a file of the run that cannot be written.
 _REMEDIES = {
     errno.ENOSPC: "make room or set output to another disk",
@@ -271,11 +269,11 @@ def _reason(error: BaseException, log: Path) -> str:
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
     if isinstance(error, OSError):
         why = error.strerror or str(error) or type(error).__name__
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT) and not _of_directory(error, log.parent):
+        if not _of_directory(error, log.parent):
             where = f"{error.filename}: " if error.filename else ""
             return f"{where}{why}; the traceback is in {log}"
         remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
-        return f"{error.filename or RESOURCE}: {why}; the run is incomplete, {remedy}"
+        return f"{error.filename or log.parent}: {why}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 

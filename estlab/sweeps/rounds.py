@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from estlab import rundir
 from estlab.errors import UserError
 from estlab.groups import Sweep
-from estlab.launch import RESOURCE
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned
@@ -122,7 +121,8 @@ class Rounds:
 
 def _told(error: Exception) -> str:
     if isinstance(error, OSError):
-        full = error.errno == errno.ENOSPC and error.filename is None
-        return f"{error.filename or ('shared memory (/dev/shm)' if full else RESOURCE)}: {error.strerror or error}"
+        # Whatever writes a file says which; an engine has shared memory too.
+        unnamed = "shared memory (/dev/shm)" if error.errno == errno.ENOSPC else "the system"
+        return f"{error.filename or unnamed}: {error.strerror or error}"
     said = " ".join(str(error).split())
     return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
