@@ -204,10 +204,10 @@ class _Builder:
 
 def _scalar(value: Any, hint: Any, path: str) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(value, int) and abs(value) > 2**63:
-        raise UserError(f"{path} is too large a number")
-    if number and not math.isfinite(value):
+    if number and isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{path} must be finite, got {value}")
+    if number and abs(value) >= 2**63 and (hint is int or isinstance(value, int)):
+        raise UserError(f"{path} is too large a number; whole numbers end at 9e18")
     if hint is float and number:
         return float(value)
     if hint is int and number and float(value).is_integer():
@@ -239,8 +239,12 @@ def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
         )
 
 
-def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
-    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
+def located(name: str, path: str, allowed: tuple[str, ...]) -> Any:
+    """What is of this name and defined in an allowed package.
+
+    Raises UserError for what is not there or defined elsewhere, which a module that imports it would hand out too.
+    """
+    _check_name(name, path, allowed)
     module, _, attribute = name.rpartition(".")
     try:
         found = getattr(importlib.import_module(module), attribute)
@@ -249,10 +253,18 @@ def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Calla
     except (Exception, SystemExit) as error:
         said = " ".join(str(error).split())
         raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
+    if not (inspect.isclass(found) or inspect.isfunction(found)):
+        raise UserError(f"{path}: there is no class or function {name}")
+    _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
+    return found
+
+
+def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
+    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
+    found = located(name, path, allowed)
     made = _product(found)
     if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
         raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
-    _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
     return typing.cast(Callable[..., Any], found)
 
 

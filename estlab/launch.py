@@ -61,6 +61,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     import hydra
     from hydra.errors import HydraException
 
+    from estlab import composition
+
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
     signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
@@ -77,6 +79,7 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
+        composition.install()
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except BrokenPipeError:
         raise
@@ -113,7 +116,7 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
 
     from estlab import expectations, experiment, rundir
 
-    folder = Path(HydraConfig.get().runtime.output_dir)
+    folder = Path(_raw(HydraConfig.get().runtime)["output_dir"])
     try:
         settings, names = _settings(config)
         experiment.check(settings, names)
@@ -193,21 +196,33 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     from estlab.ensemble import Names
 
     hydra = HydraConfig.get()
-    if config.get("plugins"):
-        # An installed command, unlike python -m, does not look where the user stands.
-        sys.path.insert(0, str(Path.cwd()))
     plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     if hydra.job.chdir and plain["data"]["path"]:
-        plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
-    given = [word for word in hydra.overrides.task if word.startswith("filter=")]
-    if plain["filters"] and given and not any("filter@filters" in word for word in hydra.overrides.task):
+        plain["data"]["path"] = str(Path(_raw(hydra.runtime)["cwd"]) / plain["data"]["path"])
+    words = typed()
+    given = [word for word in words if word.startswith("filter=")]
+    if plain["filters"] and given and not any("filter@filters" in word for word in words):
         theirs = ",".join(plain["filters"])
         raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
-    changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
+    changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
     return plain, Names(scenario, filter, changes)
+
+
+def typed() -> list[str]:
+    """What is typed for the run or job that is composed now, as Hydra takes it."""
+    from hydra.core.hydra_config import HydraConfig
+
+    return [str(word) for word in _raw(HydraConfig.get().overrides)["task"]]
+
+
+def _raw(node: Any) -> dict[str, Any]:
+    """A node of what Hydra composed with ${...} as it stands there: in the name of a folder it is no interpolation."""
+    from omegaconf import OmegaConf
+
+    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
 
 
 def _reason(error: BaseException, log: Path) -> str:

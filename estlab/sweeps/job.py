@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estlab import rundir
-from estlab.launch import OK, USAGE, concluded, described
+from estlab.launch import OK, USAGE, concluded, described, typed
+from estlab.path_arguments import as_typed
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
@@ -53,7 +54,9 @@ class Job:
             names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
             experiment.check(settings, names)
-            return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
+            return expectations.unmet(
+                experiment.run(settings, names, directory, ["estlab", "run", *map(as_typed, self.overrides)])
+            )
 
         with _output(directory):
             return concluded(directory, work, bool(self.plain["report"]) and self.plain["part"] is None)
@@ -93,7 +96,7 @@ def _job(config: "DictConfig", folder: Path) -> Job:
     if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
         plain["cores"] = 1  # the engine has spread its jobs over the cores already
     # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
-    typed = [str(word) for word in HydraConfig.get().overrides.task if not word.startswith("parts=")]
+    words = [word for word in typed() if not word.startswith("parts=")]
     return Job(
         folder=str(folder),
         plain=plain,
@@ -101,8 +104,8 @@ def _job(config: "DictConfig", folder: Path) -> Job:
         filter=names.filter,
         changes=list(names.changes),
         config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
-        typed=OmegaConf.to_yaml(typed),
-        overrides=[word for word in typed if not word.startswith("sweep.")],
+        typed=OmegaConf.to_yaml(words),
+        overrides=[word for word in words if not word.startswith("sweep.")],
     )
 
 

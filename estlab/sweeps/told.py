@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from estlab.arguments import OF_A_SWEEP
 from estlab.report.console import console
 from estlab.sweeps import split, state, table
 from estlab.sweeps.state import Outcome, Planned
@@ -17,16 +18,13 @@ _FAILURES = 20
 
 _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
 
-# What a sweep adds to each job by itself.
-_OURS = ("expect=null", "report=false")
-
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
     out = console()
     width = max(len(job.name) for job in planned)
     for job in planned:
-        words = [word for word in job.overrides if word not in _OURS and not word.startswith("sweep.")]
+        words = [word for word in job.overrides if word not in OF_A_SWEEP and not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
     left = sum(outcomes[job.name].state != "ok" for job in planned)

@@ -17,6 +17,7 @@ from rich.text import Text
 from estlab import rundir
 from estlab.datasets.whole import write_whole
 from estlab.metrics.objective import Objective
+from estlab.path_arguments import as_typed
 from estlab.report.console import console
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
@@ -115,4 +116,5 @@ def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int
 def command(trial: Trial) -> str:
     """The trial as a run of its own."""
     leave = ("sweep.", "plots=", "report=", "expect=null", "objective=", "output=")
-    return shlex.join(["estlab", "run", *(word for word in trial.job.overrides if not word.startswith(leave))])
+    words = [as_typed(word) for word in trial.job.overrides if not word.startswith(leave)]
+    return shlex.join(["estlab", "run", *words])
