@@ -124,6 +124,8 @@ def unknown_key(path: str, known: Sequence[str]) -> str:
     siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
     takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
     near = nearest(path, known)
+    if group in known and not siblings:
+        return f"unknown key {path}; {group} takes no keys here"
     return unknown_key(group, known) if group and not (near or siblings) else f"unknown key {path}{near or takes}"
 
 
@@ -150,7 +152,7 @@ class _Builder:
         given = [key for key in node if key != "_target_"]
         for key in given:
             if key not in parameters:
-                here = [_join(path, name) for name in parameters]
+                here = [_join(path, name) for name in parameters] + ([] if path else ["+experiment"])
                 elsewhere = [name for name in self.known if name != _join(path, key)]
                 raise UserError(unknown_key(_join(path, key), here + elsewhere))
         for key, parameter in parameters.items():
@@ -240,32 +242,35 @@ def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
 
 
 def located(name: str, path: str, allowed: tuple[str, ...]) -> Any:
-    """What is of this name and defined in an allowed package.
+    """The class or function of this name and defined in an allowed package.
 
     Raises UserError for what is not there or defined elsewhere, which a module that imports it would hand out too.
     """
     _check_name(name, path, allowed)
-    module, _, attribute = name.rpartition(".")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{path}: there is no {name} ({error})") from error
-    except (Exception, SystemExit) as error:
-        said = " ".join(str(error).split())
-        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
+    found = _imported(name, path)
     if not (inspect.isclass(found) or inspect.isfunction(found)):
         raise UserError(f"{path}: there is no class or function {name}")
     _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
     return found
 
 
+def _imported(name: str, path: str) -> Any:
+    module, _, attribute = name.rpartition(".")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"{path}: there is no {name} ({error})") from error
+    except (Exception, SystemExit) as error:
+        said = " ".join(str(error).split())
+        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
+
+
 def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
     """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
-    found = located(name, path, allowed)
-    made = _product(found)
+    made = _product(_imported(name, path))
     if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
         raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
-    return typing.cast(Callable[..., Any], found)
+    return typing.cast(Callable[..., Any], located(name, path, allowed))
 
 
 def _product(found: Any) -> Any:

@@ -3,6 +3,8 @@
 import contextlib
 import errno
 import os
+import re
+import shlex
 import signal
 import sys
 import time
@@ -51,6 +53,11 @@ _TOLD = (
 )
 
 
+def pasted(path: Path) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
+
+
 def complain(message: str, code: int = USAGE) -> int:
     print(f"estlab: {printable(message)}", file=sys.stderr)
     return code
@@ -73,9 +80,10 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except Exception as error:
             if traceback_wanted:
                 raise
-            codes.append(complain(one_line(error, arguments)))
+            codes.append(complain(one_line(error, taken)))
 
-    sys.argv = ["estlab", *prepared(arguments)]
+    taken = prepared(arguments)
+    sys.argv = ["estlab", *taken]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -87,7 +95,7 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     except OSError as error:
         where = error.filename or "the folder where you stand"
         raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
@@ -96,7 +104,7 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except Exception as error:
         if traceback_wanted:
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
@@ -169,14 +177,23 @@ def write_page(folder: Path) -> None:
     try:
         page.write(folder)
     except OSError as error:
-        complain(f"{error.filename}: {error.strerror}; the rest is whole, draw it later with estlab report {folder}")
+        complain(
+            f"{error.filename}: {error.strerror}; the rest is whole, draw it later with estlab report {pasted(folder)}"
+        )
 
 
 def simulate_job(config: "DictConfig") -> int:
+    """Write simulated data: the exit code.
+
+    Raises UserError for a configuration from which none can be made.
+    """
     from estlab import experiment
 
-    for path in experiment.simulate(*_settings(config)):
-        print(path)
+    settings, names = _settings(config)
+    if settings.data.path is None:
+        raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
+    for path in experiment.simulate(settings, names):
+        print(printable(str(path)))
     return OK
 
 
@@ -204,6 +221,9 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     if plain["filters"] and given and not any("filter@filters" in word for word in words):
         theirs = ",".join(plain["filters"])
         raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+    if plain["filters"] and (unused := next((w for w in words if re.match(r"\+*filter\.", w)), None)):
+        several = ", ".join(unused.lstrip("+").replace("filter.", f"filters.{name}.", 1) for name in plain["filters"])
+        raise UserError(f"{unused} would not be used: there are several filters here; write {several}")
     changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.

@@ -160,7 +160,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "fliter=ukf"], "unknown key fliter; did you mean filter?"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
-        (["run", "filter.alpha=="], "Error parsing override"),
+        (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
         (["run", "data.path=somewhere"], "data.path=somewhere would not be read: add data=files"),
         (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
