@@ -25,6 +25,7 @@ _FLAGS = {
 # each job a page, if none is asked for. These stand before what is typed, which adds to them.
 OF_A_SWEEP = ("expect=null", "report=false")
 
+_DIGITS = 1000  # of a number, for which Python has a limit of its own
 _DEEPEST = 20  # brackets in a value, of which no key has more than a few
 
 # Plugins by what they need installed, and the extra of estlab that brings it.
@@ -48,7 +49,7 @@ def prepared(arguments: list[str]) -> list[str]:
     for word in words:
         if re.fullmatch(r"output=(null|''|\"\"|)", word):
             raise UserError(f"{word}: output must be a folder, for example output=runs")
-        _check_depth(word)
+        _check_size(word)
         _check_installed(word)
     words = [quoted_path(word, sweep) for word in _expectations(_several_filters(words))]
     ours = OF_A_SWEEP if sweep and words and tuple(words[:2]) != OF_A_SWEEP else ()
@@ -99,7 +100,7 @@ def is_sweep(flags: Sequence[str], words: Sequence[str]) -> bool:
     return mode or bool({"-m", "--multirun"} & set(flags))
 
 
-def _check_depth(word: str) -> None:
+def _check_size(word: str) -> None:
     """Hydra's parsers call themselves for each bracket, and take ever longer."""
     key, _, value = word.partition("=")
     brackets = value if key.lstrip("+") not in PATHS else "".join(re.findall(r"\$\{|\}", value))
@@ -109,6 +110,8 @@ def _check_depth(word: str) -> None:
         deepest = max(deepest, depth)
     if deepest > _DEEPEST:
         raise UserError(f"{word[:40]}...: brackets lie more than {_DEEPEST} deep; no key has such a value")
+    if re.search(rf"\d{{{_DIGITS}}}", brackets):
+        raise UserError(f"{word[:40]}...: is too large a number")
 
 
 def _expectations(arguments: list[str]) -> list[str]:
@@ -122,7 +125,10 @@ def _expectations(arguments: list[str]) -> list[str]:
             written.append(argument)
         else:
             key, value = match.groups()
-            written += [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
+            null = f"++{key}=null"
+            written += [null] * (value.lstrip().startswith(("[", "{")) and written[-1:] != [null]) + [
+                f"++{key}={value}"
+            ]
     return written
 
 
