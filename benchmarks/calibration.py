@@ -50,9 +50,12 @@ class Fault:
 # What is planted is told from the filter's side: its Q halved is a truth with twice the Q.
 FAULTS = {
     "Q halved": Fault(process=2.0),
+    "Q doubled": Fault(process=0.5),
+    "R halved": Fault(measurement=2.0),
     "R doubled": Fault(measurement=0.5),
     "bias of half a sigma": Fault(bias=0.5),
     "correlated noise (0.5)": Fault(correlation=0.5),
+    "R doubled, correlated noise (0.5)": Fault(measurement=0.5, correlation=0.5),
 }
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 
 from estlab.errors import UserError
-from estlab.path_arguments import PATHS, home, quoted_path
+from estlab.path_arguments import home, is_path, quoted_path
 
 CONFIG_DIR = ("--config-dir", "-cd")
 
@@ -51,7 +51,7 @@ def prepared(arguments: list[str]) -> list[str]:
             raise UserError(f"{word}: output must be a folder, for example output=runs")
         _check_size(word)
         _check_installed(word)
-    words = [quoted_path(word, sweep) for word in _expectations(_several_filters(words))]
+    words = [quoted_path(word, sweep) for word in _file_names(_expectations(_several_filters(words)))]
     ours = OF_A_SWEEP if sweep and words and tuple(words[:2]) != OF_A_SWEEP else ()
     return [*flags, *ours, *words]
 
@@ -103,7 +103,7 @@ def is_sweep(flags: Sequence[str], words: Sequence[str]) -> bool:
 def _check_size(word: str) -> None:
     """Hydra's parsers call themselves for each bracket, and take ever longer."""
     key, _, value = word.partition("=")
-    brackets = value if key.lstrip("+") not in PATHS else "".join(re.findall(r"\$\{|\}", value))
+    brackets = value if not is_path(key) else "".join(re.findall(r"\$\{|\}", value))
     depth = deepest = 0
     for sign in brackets:
         depth += (sign in "[{(") - (sign in "]})")
@@ -130,6 +130,11 @@ def _expectations(arguments: list[str]) -> list[str]:
                 f"++{key}={value}"
             ]
     return written
+
+
+def _file_names(arguments: list[str]) -> list[str]:
+    """data.files.truth=mine.mat as what Hydra takes for it: a key that is new."""
+    return [re.sub(r"^\+{0,2}(data\.files\.[^=]+=)", r"++\1", argument) for argument in arguments]
 
 
 def _check_installed(argument: str) -> None:

@@ -172,15 +172,17 @@ def _sweep(path: Path) -> Found:
     state = f"sweep, {ok} of {len(jobs)} jobs ok"
     ended = max([job.ended for job in jobs], default=path.stat().st_mtime)
     stays = next((f"of its job {job.path.name}: {job.stays}" for job in jobs if job.stays), "")
-    return Found(path, state, ended, False, "it is at work" if _locked(path / _LOCK) else stays)
+    return Found(path, state, ended, False, "it is at work" if _locked(path) else stays)
 
 
-def _locked(lock: Path) -> bool:
+def _locked(sweep: Path) -> bool:
     """Whether a process holds the lock of a sweep."""
     import fcntl
 
+    from estlab.rundir import files
+
     try:
-        with open(lock, "rb") as stream:
+        with files.opened(sweep, _LOCK) as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False

@@ -3,45 +3,23 @@
 import contextlib
 import logging
 import tempfile
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from estlab import cores, expectations, parts, rundir
+from estlab import cores, expectations, parts, results, rundir
+from estlab.attempts import Attempts
 from estlab.blocks import block
 from estlab.config import Settings
-from estlab.ensemble import (
-    SMOOTHED,
-    Ensemble,
-    Names,
-    estimated,
-    filters_of,
-    histories_of,
-    history_of,
-    loop_of,
-    record_of,
-    workers,
-)
-from estlab.errors import UserError
+from estlab.ensemble import SMOOTHED, Ensemble, Names, estimated, filters_of, loop_of, record_of, workers
+from estlab.errors import IncompleteError, UserError
 from estlab.expectations import Finding
-from estlab.maths.space import Array
-from estlab.metrics import series
-from estlab.metrics.bound import posterior_bound
-from estlab.metrics.consistency import consistency_tests
-from estlab.metrics.rows import coverage_rows, histogram_rows, metric_rows, test_rows
-from estlab.metrics.tally import Tally
-from estlab.metrics.verdict import judge
-from estlab.record import Record
-from estlab.report import console, expected, plots, tables, terminal
-from estlab.report.findings import Findings
+from estlab.report import console, expected, tables, terminal
 from estlab.rundir import RunDirectory
 
-_BOUND_RUNS = 200
 _CROWDED = 4  # processes a core that may be asked for
 
 log = logging.getLogger("estlab")
@@ -51,6 +29,7 @@ def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
     if settings.data.path is not None and settings.data.source == "simulated":
         raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
+    _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
         raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
@@ -81,12 +60,22 @@ def check(settings: Settings, names: Names) -> None:
     expectations.parse(settings.expect, [name + end for name in filters_of(settings, names) for end in endings])
 
 
+def _check_file_names(settings: Settings) -> None:
+    kinds = list(settings.scenario.file_names)
+    for kind, name in settings.data.files.items():
+        if settings.data.source == "simulated":
+            raise UserError(f"data.files.{kind}={name} would not be read: add data=files")
+        if kind not in kinds:
+            raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
+
+
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Run, write every file of the directory but its configuration and status, and print the summary.
 
-    Returns what was found of what was expected.
+    Returns what was found of what was expected. A statistic, table or picture that cannot be made is said and missing.
 
-    Raises UserError for data that cannot be used, OSError for a disk that cannot be written.
+    Raises UserError for data that cannot be used, OSError for a disk that cannot be written, IncompleteError if
+    metrics.csv or estimates.npz, or a filter's errors, are missing, all else being kept.
     """
     filters = filters_of(settings, names)
     runs = settings.run_numbers
@@ -104,84 +93,23 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
                 ensemble = estimated(settings, names, first, crew, progress)
     directory.describe(cores=crew.cores)
     if settings.part is not None:
+        if ensemble.failure:
+            raise IncompleteError(f"this part of the ensemble has no sums ({ensemble.failure})")
         directory.describe(part=settings.part)
         directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
-    directory.describe(seconds_per_run_and_step=ensemble.cost())
+    directory.describe(seconds_per_run_and_step=ensemble.cost(len(runs)))
     _log_outcome(ensemble, len(runs))
-    bound = _bound(settings, names, first)
-    findings = {name: _findings(settings, name, tally, bound) for name, tally in ensemble.total.tallies.items()}
-    histories = histories_of(ensemble, runs[0])
-    directory.write(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **histories))
-    scenario = settings.scenario
-    own = scenario.table({name: history_of(histories, name, len(findings)) for name in findings})
-    if own:
-        directory.write(f"{names.scenario}.csv", partial(tables.write_columns, own))
-    compared = ensemble.total.comparison.rows(ensemble.cost())
-    by_file = _tables(ensemble, findings, bound)
-    for file, by_filter in by_file.items():
-        directory.write(file, partial(tables.write_csv, by_filter, settings.seed))
-    if compared:
-        directory.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
-    if settings.plots:
-        with warnings.catch_warnings():
-            # An ensemble of which nothing is left has pictures without a curve.
-            warnings.simplefilter("ignore", RuntimeWarning)
-            plots.draw_all(
-                by_file,
-                histories,
-                directory.write,
-                scenario.space,
-                title,
-                runs,
-                lambda axes, name: scenario.draw(axes, history_of(histories, name, len(findings))),
-                lambda: scenario.pictures({n: history_of(histories, n, len(findings)) for n in findings}),
-            )
-    terminal.summary(title, findings, compared, own, first.remarks, str(_short(directory.path)))
-    return _hold_to(settings, _rows(findings), directory)
-
-
-def _bound(settings: Settings, names: Names, first: Record) -> Array | None:
-    """The Cramer-Rao bound (n, n, T), of runs enough for its means; None where there is none."""
-    if first.origin is None:
-        return None
-    record = record_of(settings, names, range(_BOUND_RUNS))
-    scenario, noise = settings.scenario, settings.noise.truth
-    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.places))
-
-
-def _findings(settings: Settings, name: str, tally: Tally, bound: Array | None) -> Findings:
-    """What the statistics say of a filter."""
-    tests = consistency_tests(tally)
-    filter = settings.filters.get(name, settings.filter)
-    group = f"filters.{name}" if settings.filters else "filter"
-    sampled = next((f"{group}.{key}" for key in ("particles", "members") if hasattr(filter, key)), "")
-    verdict = judge(tally, tests, settings.verdict, sampled)
-    return Findings(metric_rows(tally, verdict, bound), tests, verdict)
-
-
-def _tables(
-    ensemble: Ensemble, findings: dict[str, Findings], bound: Array | None
-) -> dict[str, Mapping[str, tables.Table]]:
-    """Every table that has lines of each filter, by file and filter."""
-    tallies, kept = ensemble.total.tallies, ensemble.kept
-    first = {name: (k["truth"][..., 0], k["mean"][..., 0], k["cov"][..., 0]) for name, k in kept.items()}
-    return {
-        rundir.ERRORS: {name: series.errors(tally, first[name], bound) for name, tally in tallies.items()},
-        rundir.NEES: {name: series.nees(tally) for name, tally in tallies.items()},
-        rundir.NIS: {name: series.nis(tally) for name, tally in tallies.items()},
-        rundir.NOTES: {name: series.notes(tally) for name, tally in tallies.items()},
-        rundir.COVERAGE: {name: coverage_rows(tally) for name, tally in tallies.items()},
-        rundir.HISTOGRAMS: {name: histogram_rows(tally) for name, tally in tallies.items()},
-        rundir.TESTS: {name: test_rows(found.tests) for name, found in findings.items()},
-        rundir.VERDICTS: {name: [found.verdict._asdict()] for name, found in findings.items()},
-        rundir.RUNS: {name: ensemble.total.each_run.columns(name) for name in tallies},
-        rundir.METRICS: _rows(findings),
-    }
-
-
-def _rows(findings: dict[str, Findings]) -> dict[str, list[dict[str, Any]]]:
-    return {name: [row._asdict() for row in found.rows] for name, found in findings.items()}
+    attempts = Attempts(directory)
+    found = results.written(settings, names, ensemble, title, attempts)
+    where = str(_short(directory.path))
+    show = partial(terminal.summary, title, found.findings, found.compared, found.own)
+    attempts.show("summary", lambda: show([*first.remarks, *attempts.remarks()], where))
+    rows = {name: [row._asdict() for row in one.rows] for name, one in found.findings.items()}
+    held = _hold_to(settings, rows, attempts)
+    directory.describe(missing=attempts.missing)
+    attempts.complete()
+    return held
 
 
 def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: int) -> str:
@@ -190,15 +118,14 @@ def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: 
     return " · ".join([names.scenario, ", ".join(filters), size, f"seed {seed}", *names.changes])
 
 
-def _hold_to(
-    settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], directory: RunDirectory
-) -> list[Finding]:
+def _hold_to(settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], attempts: Attempts) -> list[Finding]:
     """What was expected against the rows of metrics.csv: written and printed where anything was."""
-    held = expectations.check(expectations.parse(settings.expect, list(rows)), rows)
+    parsed = expectations.parse(settings.expect, list(rows))
+    held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows), needed=True) or []
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
-        directory.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(held)))
-        expected.show(expected.HEADINGS, [finding.cells() for finding in held])
+        attempts.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(held)))
+        attempts.show("expectations", lambda: expected.show(expected.HEADINGS, [found.cells() for found in held]))
     return held
 
 
@@ -233,7 +160,7 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
 def _log_outcome(ensemble: Ensemble, runs: int) -> None:
     for remark in ensemble.record.remarks:
         log.warning(remark)
-    for name, tally in ensemble.total.tallies.items():
+    for name, tally in {} if ensemble.failure else ensemble.total.tallies.items():
         log.info("%s: %d of %d runs diverged", name, sum(tally.diverged.values()), runs)
         for cause, first in tally.diverged_first.items():
             if first:

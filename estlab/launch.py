@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import UserError, WorkerLostError, printable
+from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from estlab.config import Settings
     from estlab.ensemble import Names
     from estlab.expectations import Finding
-    from estlab.rundir import RunDirectory
+    from estlab.rundir import RunDirectory, State
 
 _BEGAN = time.time()
 
@@ -154,32 +154,42 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
         with directory.logged():
             unmet = work()
     except KeyboardInterrupt:
-        directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
+        with contextlib.suppress(OSError):
+            directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
         raise
     except (Exception, SystemExit) as error:
-        message = _reason(error, directory.path / "log.txt")
         code = USAGE if isinstance(error, UserError) else FAILED
-        directory.finish("failed", message, code)
-        return complain(message, code)
+        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
     else:
-        directory.finish("failed" if unmet else "ok", unmet, FAILED if unmet else OK)
-        return complain(unmet, FAILED) if unmet else OK
+        return _ended(directory, "failed" if unmet else "ok", unmet, FAILED if unmet else OK)
     finally:
         # Last, since it shows the status too.
-        if page:
+        if page and directory.is_there():
             write_page(directory.path)
 
 
+def _ended(directory: "RunDirectory", state: "State", message: str, code: int) -> int:
+    """Set the final status and say what is wrong; the exit code. A run whose status cannot be written has failed."""
+    try:
+        directory.finish(state, message, code)
+    except OSError as error:
+        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
+    return complain(message, code) if message else code
+
+
 def write_page(folder: Path) -> None:
-    """Write report.html. A disk without room for it does not spoil a run that is done."""
+    """Write report.html. A disk without room for it changes nothing in how a run ended."""
     from estlab.report import page
 
     try:
         page.write(folder)
     except OSError as error:
         complain(
-            f"{error.filename}: {error.strerror}; the rest is whole, draw it later with estlab report {pasted(folder)}"
+            f"{error.filename}: {error.strerror}; the page is missing, "
+            f"draw it later with estlab report {pasted(folder)}"
         )
+    except Exception as error:
+        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
 
 
 def simulate_job(config: "DictConfig") -> int:
@@ -247,7 +257,7 @@ def _raw(node: Any) -> dict[str, Any]:
 
 def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
-    if isinstance(error, (UserError, WorkerLostError)):
+    if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)

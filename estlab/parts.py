@@ -7,6 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from estlab.archive.finished import stored
 from estlab.blocks import block_count
 from estlab.config import Settings
 from estlab.ensemble import Ensemble, Totals, empty_totals
@@ -42,9 +43,8 @@ def put_together(settings: Settings, first: Record, folders: Sequence[Path]) -> 
     ensemble = Ensemble(first)
     for folder in folders:
         try:
-            with np.load(folder / PART, allow_pickle=False) as stored:
-                _take(settings, ensemble, {name: stored[name] for name in stored})
-        except (OSError, ValueError, KeyError) as error:
+            _take(settings, ensemble, stored(folder, PART))
+        except (UserError, ValueError, KeyError) as error:
             raise UserError(f"{folder / PART}: not a part of this ensemble ({error}); run that part again") from error
     whole = block_count(settings)
     found = sum(1 << level for level, _ in ensemble.blocks.nodes)

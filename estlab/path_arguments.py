@@ -6,6 +6,7 @@ import re
 from estlab.quoting import QUOTED, elements, quoted, unquoted
 
 PATHS = ("data.path", "data.prefix", "output", "sweep.dir", "hydra.run.dir", "hydra.sweep.dir")
+_FILES = re.compile(r"data\.files\.\w+")  # names of files, by their kind
 _SWEPT = ("data.path", "data.prefix")
 _FUNCTION = re.compile(r"(choice|glob|range|sort|shuffle|str|tag)\s*\(.*\)", re.DOTALL)
 
@@ -17,7 +18,7 @@ def quoted_path(argument: str, sweep: bool) -> str:
     Hydra takes it, is left so. In a sweep a comma parts the values of data.path, unless there is such a path.
     """
     key, _, value = argument.partition("=")
-    if key.lstrip("+") not in PATHS or value in ("", "null", "???"):
+    if not is_path(key) or value in ("", "null", "???"):
         return argument
     if not sweep or key.lstrip("+") not in _SWEPT or (key.endswith("path") and os.path.lexists(home(value))):
         return f"{key}={_quoted(value)}"
@@ -26,11 +27,17 @@ def quoted_path(argument: str, sweep: bool) -> str:
     return f"{key}={','.join(map(_quoted, elements(value)))}"
 
 
+def is_path(key: str) -> bool:
+    """Whether a key, as typed, is one that is a path."""
+    bare = key.lstrip("+")
+    return bare in PATHS or _FILES.fullmatch(bare) is not None
+
+
 def as_typed(argument: str) -> str:
     """An argument as a person types it: a path without Hydra's quotes, where it means the same."""
     key, _, value = argument.partition("=")
     plain = f"{key}={unquoted(value)}"
-    return plain if key.lstrip("+") in PATHS and quoted_path(plain, sweep=False) == argument else argument
+    return plain if is_path(key) and quoted_path(plain, sweep=False) == argument else argument
 
 
 def home(path: str) -> str:

@@ -69,8 +69,9 @@ def tallied(problem, record, estimates, numbers=None) -> Tally:
 
 def metrics(tally, bound=None) -> dict[tuple[str, str], Row]:
     """Rows of figures by metric and component."""
-    verdict = judge(tally, consistency_tests(tally), Tolerance(0.05, 0.01))
-    return {(row.metric, row.component): row for row in metric_rows(tally, verdict, bound)}
+    tests = consistency_tests(tally)
+    verdict = judge(tally, tests, Tolerance(0.05, 0.01))
+    return {(row.metric, row.component): row for row in metric_rows(tally, tests, verdict, bound)}
 
 
 def estimate(filter, motion, sensor, record, scheme="sequential", pause=0.0, numbers=None) -> Estimates:

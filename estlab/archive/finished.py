@@ -4,15 +4,19 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import yaml
 
 from estlab import rundir
 from estlab.errors import UserError, printable
+from estlab.rundir import files
+from estlab.rundir.layout import ARRAY_BYTES, CONFIG_BYTES, RECORD_BYTES, TABLE_BYTES
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -20,9 +24,6 @@ if TYPE_CHECKING:
     from estlab.maths.space import Array
 
 STATES = ("running", "ok", "failed", "interrupted")
-
-# Beyond these a file is none of ours, or would fill the memory.
-_CONFIG_BYTES, _RECORD_BYTES, _TABLE_BYTES, _ARRAY_BYTES = 2**18, 2**22, 2**30, 2**33
 
 _DEEPEST = 50
 
@@ -56,7 +57,7 @@ class Finished:
 
 def is_run(folder: Path) -> bool:
     """Whether a directory has the status file of a run."""
-    return (folder / rundir.STATUS).is_file() and not (folder / rundir.STATUS).is_symlink()
+    return files.is_file(folder, rundir.STATUS)
 
 
 def read(path: Path) -> Finished:
@@ -100,7 +101,7 @@ def unfinished(path: Path, found: Mapping[str, Any]) -> str:
     One that only did not find what it was expected to has: its expectations are the last table to be written.
     """
     state = str(found["status"])
-    if state == "ok" or (state == "failed" and (path / rundir.EXPECTATIONS).is_file()):
+    if state == "ok" or (state == "failed" and files.is_file(path, rundir.EXPECTATIONS)):
         return ""
     if state == "running":
         return "still running" if rundir.at_work(found) else "unfinished, and its process is gone"
@@ -114,7 +115,7 @@ def table(folder: Path, name: str, words: Sequence[str], numbers: Sequence[str] 
     """
     import pandas as pd
 
-    text = _content(folder, name, _TABLE_BYTES)
+    text = _content(folder, name, TABLE_BYTES)
     file = folder / name
     try:
         heads = list(pd.read_csv(io.BytesIO(text), nrows=0).columns)
@@ -138,34 +139,58 @@ def array_names(folder: Path, name: str) -> list[str]:
 
     Raises UserError, naming the file, for one that is not such an archive.
     """
-    import zipfile
-
-    file = _regular(folder, name)
-    try:
-        with zipfile.ZipFile(file) as archive:
-            if any(member.file_size > _ARRAY_BYTES for member in archive.infolist()):
-                raise UserError(f"{file}: unpacks to more than what a run writes")
-            return sorted(member.filename.removesuffix(".npy") for member in archive.infolist())
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise UserError(f"{file}: is no archive that a run writes") from error
+    with _archive(folder, name) as stream:
+        return sorted(_array_names(folder / name, stream))
 
 
 def arrays(folder: Path, name: str) -> Iterator["Array"]:
     """The arrays of an .npz file, of numbers alone, one at a time in the order of their names; raises the same."""
+    for _, array in _arrays(folder, name, sorted):
+        yield array
+
+
+def stored(folder: Path, name: str) -> dict[str, "Array"]:
+    """All arrays of an .npz file by their names, in the file's order; raises the same."""
+    return dict(_arrays(folder, name, list))
+
+
+def _arrays(folder: Path, name: str, ordered: Callable[[list[str]], list[str]]) -> Iterator[tuple[str, "Array"]]:
     import numpy as np
 
-    names = array_names(folder, name)
-    file = _regular(folder, name)
-    for key in names:
-        try:
-            with np.load(file, allow_pickle=False) as archive:
-                found = archive[key]
-        except Exception as error:  # whatever a broken archive makes zipfile and numpy raise
-            raise UserError(f"{file}: its array {key} cannot be read") from error
-        yield found
+    file = folder / name
+    with _archive(folder, name) as stream:
+        names = ordered(_array_names(file, stream))
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as archive:
+            for key in names:
+                try:
+                    found = archive[key]
+                except Exception as error:  # whatever a broken archive makes zipfile and numpy raise
+                    raise UserError(f"{file}: its array {key} cannot be read") from error
+                yield key, found
 
 
-def text(folder: Path, name: str, most: int = _RECORD_BYTES) -> str:
+@contextmanager
+def _archive(folder: Path, name: str) -> Iterator[BinaryIO]:
+    with _readable(folder / name), files.opened(folder, name, ARRAY_BYTES) as stream:
+        yield stream
+
+
+def _array_names(file: Path, stream: BinaryIO) -> list[str]:
+    """A run stores its arrays as they are, so an archive that is larger unpacked than packed is none of ours."""
+    try:
+        size = os.fstat(stream.fileno()).st_size
+        with zipfile.ZipFile(stream) as archive:
+            members = archive.infolist()
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise UserError(f"{file}: is no archive that a run writes") from error
+    stored = all(member.compress_type == zipfile.ZIP_STORED for member in members)
+    if not stored or sum(member.file_size for member in members) > size:
+        raise UserError(f"{file}: unpacks to more than what a run writes")
+    return [member.filename.removesuffix(".npy") for member in members]
+
+
+def text(folder: Path, name: str, most: int = RECORD_BYTES) -> str:
     """A short text file.
 
     Raises UserError, naming the file, for one that is not there or too long.
@@ -178,27 +203,21 @@ def text(folder: Path, name: str, most: int = _RECORD_BYTES) -> str:
 
 def _content(folder: Path, name: str, most: int) -> bytes:
     """A file's bytes, if it is a regular file of this directory and not larger than that."""
-    path = _regular(folder, name)
+    with _readable(folder / name):
+        return files.read(folder, name, most)
+
+
+@contextmanager
+def _readable(file: Path) -> Iterator[None]:
+    """The body reads this file; raises UserError, naming it, where that does not go."""
     try:
-        with open(path, "rb") as stream:
-            if os.fstat(stream.fileno()).st_size > most:
-                raise UserError(f"{path}: is larger than what a run writes")
-            return stream.read(most + 1)
+        yield
+    except FileNotFoundError as error:
+        raise UserError(f"{file}: is not there") from error
+    except files.RefusedError as error:
+        raise UserError(f"{error.filename}: {error.strerror}") from error
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
-
-
-def _regular(folder: Path, name: str) -> Path:
-    """The path of a regular file of the directory: no pipe, no device, no link that leads out of it."""
-    path = folder / name
-    try:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise UserError(f"{path}: leads out of the run directory")
-        if not path.is_file():
-            raise UserError(f"{path}: is not {'a file' if os.path.lexists(path) else 'there'}")
-    except (OSError, ValueError, RuntimeError) as error:  # a link to itself, a name with a zero byte
-        raise UserError(f"{path}: cannot be read ({error})") from error
-    return path
+        raise UserError(f"{file}: cannot be read ({error.strerror})") from error
 
 
 def _name(file: Path, name: object) -> str:
@@ -238,7 +257,7 @@ def plain_yaml(content: str) -> Any:
 def _config(folder: Path) -> dict[str, Any]:
     file = folder / rundir.CONFIG
     try:
-        found = plain_yaml(text(folder, rundir.CONFIG, _CONFIG_BYTES))
+        found = plain_yaml(text(folder, rundir.CONFIG, CONFIG_BYTES))
     except ValueError as error:
         raise UserError(f"{file}: cannot be read as plain YAML") from error
     if not isinstance(found, dict) or not _named(found):

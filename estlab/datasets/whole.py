@@ -2,24 +2,37 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
 
-def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file beside its place and move it there once complete, so that nobody ever sees half of it."""
+def write_whole(path: Path, write: Callable[[BinaryIO], object], within: int | None = None) -> Path:
+    """Write a file beside its place and move it there once complete, so that nobody ever sees half of it.
+
+    within: descriptor of the folder that the path is seen from; by default where the process stands. A device or a
+    pipe that the user names has nothing beside it, and is written as it is.
+    """
+    if within is None and path.exists() and not path.is_file() and not path.is_dir():
+        with open(path, "wb") as stream:
+            write(stream)
+        return path
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with open(partial, "wb") as stream:
+        with suppress(FileNotFoundError):
+            os.unlink(partial, dir_fd=within)  # of a process that was killed and had our number
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        with open(os.open(partial, flags, 0o666, dir_fd=within), "wb") as stream:
             write(stream)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(partial, path)
+        os.replace(partial, path, src_dir_fd=within, dst_dir_fd=within)
     except OSError as error:
         # A write that fails does not know its file's name; the user must.
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            os.unlink(partial, dir_fd=within)
     return path
 
 

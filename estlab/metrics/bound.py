@@ -93,8 +93,9 @@ def _of_reading(slopes: Array, record: Record, sensor: Sensor, state: Array, i: 
 def _informed(slopes: Array, seen: list[Array]) -> Array:
     """Along directions scaled anew, so that their information is the identity again."""
     size, n, runs = slopes.shape
-    information = np.eye(size) + sum(part @ part.T for part in seen) / runs
-    scaled = np.linalg.solve(np.linalg.cholesky(information), slopes.reshape(size, n * runs))
+    # The information is R'R, and is never formed: squares of readings 1e8 times as good as the start would hide the 1.
+    stacked = np.concatenate([np.eye(size), *(part.T / np.sqrt(runs) for part in seen if part.any())])
+    scaled = np.linalg.solve(np.asarray(np.linalg.qr(stacked, mode="r")).T, slopes.reshape(size, n * runs))
     return np.asarray(scaled.reshape(slopes.shape))
 
 

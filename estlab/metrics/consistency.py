@@ -1,9 +1,11 @@
-"""Is a filter what it says it is: tests over independent runs, each with 5 % of false alarms.
+"""Is a filter what it says it is: tests over independent runs, all together with 5 % of false alarms.
 
 Steps of one run are correlated, so a test never counts them as if they were independent: each run answers once, and the
 test is over the runs. Only innovations, which a right filter leaves white, are also counted within a run.
 """
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,29 +17,36 @@ from estlab.metrics.intervals import (
     chi_square_band,
     chi_square_test,
     holm,
-    hotelling_test,
+    judged_at,
     mean_interval,
     positive_interval,
     positive_test,
     t_test,
+    time_share_interval,
+    time_share_test,
 )
 from estlab.metrics.moments import Moments
 from estlab.metrics.scores import LAGS
 from estlab.metrics.tally import Tally
 
-_FEWEST = 5  # runs for a test over runs
+FEWEST = 5  # runs for a test over runs
 _LAWFUL = 0.95  # share of the steps at which a sampled covariance must have a law
 _SINGLE_LAGS = 20
 _NO_INNOVATIONS = "there are no innovations"
 
-NEES, NIS, BIAS, WHITENESS = "nees", "nis", "bias", "whiteness"
+# The least share of errors of any law that three of its standard deviations hold: Chebyshev's inequality.
+LEAST_INSIDE = 1.0 - 1.0 / 9.0
+
+NEES, NIS, BIAS, WHITENESS, INSIDE = "nees", "nis", "bias", "whiteness", "inside_3sigma"
 
 
 class Test(NamedTuple):
     """One test of one filter.
 
-    of: what the value is of, where there are several. expected: of a consistent filter. p: of the test; adjusted: for
-    there being several tests (Holm). why: the reason where there is no answer, p being NaN.
+    of: what the value is of, where there are several. found: with the interval that leaves out what should be just
+    where the test rejects. expected: of a consistent filter. p: of the test; adjusted: for there being several tests
+    (Holm). level: at which Holm's method judges it, which is that of the interval. why: the reason where there is no
+    answer, p being NaN.
     """
 
     name: str
@@ -46,6 +55,7 @@ class Test(NamedTuple):
     expected: float
     p: float
     adjusted: float = np.nan
+    level: float = np.nan
     why: str = ""
 
     @property
@@ -54,118 +64,168 @@ class Test(NamedTuple):
         return bool(self.adjusted < LEVEL)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """A test before it is known at which level it is judged. shown: at a level, what the value is of and the value."""
+
+    name: str
+    expected: float
+    p: float
+    shown: Callable[[float], tuple[str, Estimate]]
+    why: str = ""
+
+
 def consistency_tests(tally: Tally) -> list[Test]:
-    """NEES, NIS, bias and whiteness, in this order."""
-    tests = [_nees(tally), _nis(tally), _bias(tally), _whiteness(tally)]
-    adjusted = holm(np.array([test.p for test in tests]))
-    return [test._replace(adjusted=float(p)) for test, p in zip(tests, adjusted, strict=True)]
+    """NEES, NIS, bias and whiteness, in this order; and the shares inside 3 sigma where they say what NEES cannot."""
+    asked = [_nees(tally), _nis(tally), _bias(tally), _whiteness(tally), *_inside(tally)]
+    p_values = np.array([np.nan if one.why else one.p for one in asked])
+    adjusted, levels = holm(p_values), judged_at(p_values)
+    return [_answered(*each) for each in zip(asked, adjusted, levels, strict=True)]
 
 
-def _nees(tally: Tally) -> Test:
+def _answered(asked: _Asked, adjusted: float, level: float) -> Test:
+    answer = np.isfinite(level)
+    of, found = asked.shown(float(level) if answer else LEVEL)
+    if not answer:
+        why = asked.why or "nothing varies"
+        return Test(asked.name, of, found._replace(low=np.nan, high=np.nan), asked.expected, np.nan, why=why)
+    return Test(asked.name, of, found, asked.expected, asked.p, float(adjusted), float(level))
+
+
+def nees_of(tally: Tally, which: str = "") -> tuple[str, Moments]:
+    """What NEES is divided by, and each run's quotient: n, or the mean of its law where covariances are a sample's.
+
+    Of steps with a law alone; but of all, by n, where too many have none. which: "_converged" for these runs alone.
+    """
+    if tally.sampled and not sample_too_small(tally):
+        return "expected", tally.moments[f"nees{which}"]
+    return "n", tally.moments[f"anees{which}"]
+
+
+def _nees(tally: Tally) -> _Asked:
     """Each run's mean NEES over its law's is one on average. Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2."""
-    moments = tally.moments["nees"]
-    found = positive_interval(moments)
-    of = "expected" if tally.sampled else "n"
-    if why := _too_few(tally, tally.runs) or sample_too_small(tally) or _too_few(tally, found.n):
-        return _unanswered(NEES, of, found, 1.0, why)
-    return Test(NEES, of, found, 1.0, positive_test(moments, 1.0))
+    of, moments = nees_of(tally)
+    why = _too_few(tally, tally.runs) or sample_too_small(tally) or _unscored(moments) or _too_few(tally, moments.count)
+    return _Asked(NEES, 1.0, positive_test(moments, 1.0), lambda level: (of, positive_interval(moments, level)), why)
 
 
-def _nis(tally: Tally) -> Test:
+def _nis(tally: Tally) -> _Asked:
     """NIS over its law's mean is one on average; over all innovations of few runs, a chi-square.
 
     The mean is the numbers measured, or less with a gate. What a gate takes off the variance is not allowed for: with
     few runs the test is then somewhat too lenient.
     """
     moments, of = tally.moments["nis"], "expected" if tally.gated else "m"
-    found = positive_interval(moments)
-    if found.n == 0:
-        return _unanswered(NIS, of, found, 1.0, _NO_INNOVATIONS)
-    if not _too_few(tally, found.n):
-        return Test(NIS, of, found, 1.0, positive_test(moments, 1.0))
+    runs = int(moments.count)
+    if runs == 0 or not _too_few(tally, runs):
+        why = "" if runs else _NO_INNOVATIONS
+        return _Asked(NIS, 1.0, positive_test(moments, 1.0), lambda level: (of, positive_interval(moments, level)), why)
     # Of all innovations, not the mean of the runs' means: a run with few of them says little.
-    freedom, runs = float(tally.sums["measured"].sum()), found.n
+    freedom = float(tally.sums["measured"].sum()) / (runs if tally.repeated else 1)
     value = float(tally.sums["nis"].sum() / tally.sums["nis_mean"].sum())
-    if tally.repeated:
-        freedom, runs = freedom / found.n, 1
-    lower, upper = chi_square_band(np.array(freedom))
-    # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
-    interval = Estimate(value, value / float(upper), value / float(lower), runs)
-    return Test(NIS, of, interval, 1.0, chi_square_test(value * freedom, freedom))
+
+    def shown(level: float) -> tuple[str, Estimate]:
+        # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
+        lower, upper = (float(bound) for bound in chi_square_band(np.array(freedom), level))
+        return of, Estimate(value, value / upper, value / lower, 1 if tally.repeated else runs)
+
+    return _Asked(NIS, 1.0, chi_square_test(value * freedom, freedom), shown)
 
 
-def _bias(tally: Tally) -> Test:
-    """Each run's mean of error over sigma is zero on average, in all components at once.
+def _bias(tally: Tally) -> _Asked:
+    """Each run's mean of error over sigma is zero on average, in every component.
 
     The normalised mean estimation error of Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2, averaged over time
-    within a run and tested over runs by Hotelling's T squared. The value is that of the component furthest from zero.
+    within a run and tested over runs, each component by Student's t, all together by Bonferroni.
     """
-    moments = tally.moments["bias"]
-    worst, found = _furthest(moments)
-    if why := _too_few(tally, int(moments.count)) or _too_few_for(moments):
-        return _unanswered(BIAS, tally.space.names[worst], found, 0.0, why)
-    return Test(BIAS, tally.space.names[worst], found, 0.0, hotelling_test(moments))
+    moments, names = tally.moments["bias"], tally.space.names
+    why = _too_few(tally, tally.runs) or _unscored(moments) or _too_few(tally, moments.count)
+    return _Asked(BIAS, 0.0, _any_off_zero(moments), lambda level: _furthest(moments, names, level), why)
 
 
-def _whiteness(tally: Tally) -> Test:
-    """Whitened innovations do not correlate with those before. Over runs by Hotelling's T squared; in one by Ljung-Box.
+def _whiteness(tally: Tally) -> _Asked:
+    """Whitened innovations do not correlate with those before, at any lag: as bias over runs, by their law in one run.
 
     The value is the correlation at the lag where it is furthest from zero.
     """
     moments = tally.moments["correlation"]
-    first = mean_interval(moments.leading(1))
+    names = [f"lag {lag + 1}" for lag in range(LAGS)]
     if not tally.sums["measured"].any():
-        return _unanswered(WHITENESS, "lag 1", first, 0.0, _NO_INNOVATIONS)
-    if not _too_few(tally, int(moments.count)):
-        tried = moments.leading(int(np.clip(int(moments.count) // 5, 1, LAGS)))
-        worst, found = _furthest(tried)
-        return Test(WHITENESS, f"lag {worst + 1}", found, 0.0, hotelling_test(tried))
+        return _Asked(
+            WHITENESS, 0.0, np.nan, lambda level: (names[0], mean_interval(moments.component(0))), _NO_INNOVATIONS
+        )
+    if not _too_few(tally, moments.count):
+        return _Asked(WHITENESS, 0.0, _any_off_zero(moments), lambda level: _furthest(moments, names, level))
     whitened = tally.first_whitened
     whitened = whitened[:, np.isfinite(whitened).all(axis=0)]
     if whitened.shape[1] < 3 * _SINGLE_LAGS:
         enough = not _too_few(tally, tally.runs)
-        why = f"{_FEWEST} runs of {4 * LAGS} readings" if enough else f"{_FEWEST} runs, or {3 * _SINGLE_LAGS} readings"
-        return _unanswered(WHITENESS, "lag 1", first, 0.0, f"needs {why}{'' if enough else ' in one'}")
-    each, p = ljung_box(whitened, _SINGLE_LAGS)
-    worst = int(np.argmax(np.abs(each)))
-    found = single_correlation(float(each[worst]), whitened.size, _SINGLE_LAGS)
-    return Test(WHITENESS, f"lag {worst + 1}", found, 0.0, p)
+        why = f"{FEWEST} runs of {4 * LAGS} readings" if enough else f"{FEWEST} runs, or {3 * _SINGLE_LAGS} readings"
+        why = f"needs {why}{'' if enough else ' in one'}"
+        return _Asked(WHITENESS, 0.0, np.nan, lambda level: (names[0], mean_interval(moments.component(0))), why)
+    each, deviation = single_correlations(whitened, _SINGLE_LAGS)
+    from scipy.special import ndtr, ndtri
+
+    away = np.abs(each) / deviation
+    worst = int(np.argmax(away))
+    p = min(1.0, float(_SINGLE_LAGS * 2.0 * ndtr(-away[worst])))
+
+    def shown(level: float) -> tuple[str, Estimate]:
+        half = float(deviation[worst] * ndtri(1.0 - level / (2.0 * _SINGLE_LAGS)))
+        return f"lag {worst + 1}", Estimate(float(each[worst]), float(each[worst]) - half, float(each[worst]) + half, 1)
+
+    return _Asked(WHITENESS, 0.0, p, shown)
 
 
-def single_correlation(value: float, count: int, among: int) -> Estimate:
-    """One of several correlations of so many innovations of one run, for an interval that all of them hold with 95 %.
+def single_correlations(whitened: Array, lags: int) -> tuple[Array, Array]:
+    """Correlations of one run's whitened innovations (m, N) at lags 1, 2, ..., and the deviation of each if white.
 
-    A correlation of white innovations has variance 1 / count; Bonferroni for the number of correlations.
-    """
-    from scipy.special import ndtri
-
-    half = float(ndtri(1.0 - LEVEL / (2.0 * among))) / np.sqrt(count)
-    return Estimate(value, value - half, value + half, 1)
-
-
-def ljung_box(whitened: Array, lags: int) -> tuple[Array, float]:
-    """Correlations at lags 1, 2, ... and p-value of the Ljung-Box test of one run's whitened innovations (m, N).
-
-    N (N + 2) sum r_l^2 / (N - l) of each component is a chi-square with as many degrees of freedom as lags, and
-    components are independent. The mean is zero by hypothesis, so none is subtracted. Ljung and Box 1978.
+    Of m N independent standard normal numbers, the sum of m (N - l) products over that of their squares has variance
+    (N - l) / (N (m N + 2)), since a quotient does not depend on its denominator. The mean is zero by hypothesis, so
+    none is subtracted. Ljung and Box 1978, equation 2.2, is that of m = 1.
     """
     m, count = whitened.shape
-    squares = (whitened**2).sum(axis=1)
-    products = np.stack([(whitened[:, lag:] * whitened[:, : count - lag]).sum(axis=1) for lag in range(1, lags + 1)])
-    each = products / squares
-    statistic = count * (count + 2) * (each**2 / (count - np.arange(1, lags + 1))[:, None]).sum()
-    from scipy.special import chdtrc
-
-    return products.sum(axis=1) / squares.sum(), float(chdtrc(m * lags, statistic))
+    products = np.stack([(whitened[:, lag:] * whitened[:, : count - lag]).sum() for lag in range(1, lags + 1)])
+    return products / (whitened**2).sum(), np.sqrt((count - np.arange(1, lags + 1)) / (count * (m * count + 2.0)))
 
 
-def _furthest(moments: Moments) -> tuple[int, Estimate]:
-    """The component whose mean is furthest from zero, and its mean's interval among all.
+def _inside(tally: Tally) -> list[_Asked]:
+    """Where NEES has no law, the component of which 3 sigma hold fewer errors than of any law, if there is one.
+
+    A standard deviation of which three hold less than eight ninths of the errors is too small, whatever the errors'
+    law, and however the cloud that it is of came about.
+    """
+    if not sample_too_small(tally) or _too_few(tally, tally.runs):
+        return []
+    parts = [tally.moments["inside"].at(2, i) for i in range(tally.space.size)]
+    below = [i for i, part in enumerate(parts) if int(part.count) >= FEWEST and part.mean[0] < LEAST_INSIDE]
+    if not below:
+        return []
+    p_values = [time_share_test(parts[i], LEAST_INSIDE) for i in below]
+    worst, among = below[int(np.argmin(p_values))], len(parts)
+
+    def shown(level: float) -> tuple[str, Estimate]:
+        return tally.space.names[worst], time_share_interval(parts[worst], level / among)
+
+    return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), shown)]
+
+
+def _any_off_zero(moments: Moments) -> float:
+    """The p-value of all of several means being zero: the smallest of Student's t, times their number (Bonferroni).
+
+    It is below a level just where one of their intervals of that level over their number leaves out zero.
+    """
+    count = moments.mean.shape[0]
+    each = np.array([t_test(moments.component(i), 0.0) for i in range(count)])
+    return min(1.0, count * float(np.nanmin(each))) if np.isfinite(each).any() else np.nan
+
+
+def _furthest(moments: Moments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
+    """The name of the mean that is furthest from zero, and its interval for all of them to hold together.
 
     Of those whose interval leaves out zero; where none does, the furthest in its own standard errors, if it has any.
     """
-    count = moments.mean.shape[0]
-    each = [mean_interval(moments.component(i), among=count) for i in range(count)]
+    each = intervals_of_all(moments, level)
     away = np.nan_to_num([2.0 * abs(found.value) / max(found.high - found.low, 1e-300) for found in each])
     size = np.abs(moments.mean)
     if (away > 1.0).any():
@@ -173,18 +233,23 @@ def _furthest(moments: Moments) -> tuple[int, Estimate]:
     elif not away.any():
         away = size
     worst = int(np.argmax(away))
-    return worst, each[worst]
+    return names[worst], each[worst]
 
 
-def _too_few(tally: Tally, runs: int) -> str:
+def intervals_of_all(moments: Moments, level: float) -> list[Estimate]:
+    """Each mean with an interval such that all hold together but for ``level`` (Bonferroni)."""
+    count = moments.mean.shape[0]
+    return [mean_interval(moments.component(i), level / count) for i in range(count)]
+
+
+def _too_few(tally: Tally, runs: int | Array) -> str:
     if tally.repeated:
         return "one recording is one run"
-    return "" if runs >= _FEWEST else f"needs {_FEWEST} runs"
+    return "" if int(runs) >= FEWEST else f"needs {FEWEST} runs"
 
 
-def _too_few_for(moments: Moments) -> str:
-    needed = moments.mean.shape[0] + 3
-    return "" if int(moments.count) >= needed else f"needs {needed} runs"
+def _unscored(moments: Moments) -> str:
+    return "" if int(moments.count) else "there is no truth to hold it to"
 
 
 def sample_too_small(tally: Tally) -> str:
@@ -203,14 +268,3 @@ def explained_by_bias(tally: Tally) -> float:
     moments = tally.moments["scaled"]
     square = moments.mean @ moments.mean - np.trace(moments.cov) / moments.count
     return float(square) / moments.mean.size
-
-
-def _unanswered(name: str, of: str, found: Estimate, expected: float, why: str) -> Test:
-    return Test(name, of, found._replace(low=np.nan, high=np.nan), expected, np.nan, why=why)
-
-
-def component_biases(tally: Tally) -> list[tuple[str, Estimate, float]]:
-    """Mean of error over sigma of each component, its interval and p-value."""
-    moments = tally.moments["bias"]
-    parts = [moments.component(i) for i in range(moments.mean.shape[0])]
-    return [(n, mean_interval(p), t_test(p, 0.0)) for n, p in zip(tally.space.names, parts, strict=True)]

@@ -7,11 +7,27 @@ from estlab.metrics.intervals import Estimate
 _MOST = 7  # digits of any figure
 
 
-def decimals(value: float, low: float, high: float) -> int:
+def decimals(value: float, low: float, high: float, expected: float = math.nan) -> int:
     """Decimals that show the interval's half width to two digits, the value to no more than seven; without one three.
 
     What hardly varies over the runs, as a covariance that hangs on no reading, has an interval of rounding errors.
+    expected: what should be; there are as many more as it takes that no end is rounded onto it or past it.
     """
+    places = _decimals(value, low, high)
+    if not all(map(math.isfinite, (expected, low, high))):
+        return places
+    most = places + _MOST
+    while places < most and any(_side(end, expected) != _side(round(end, places), expected) for end in (low, high)):
+        places += 1
+    return places
+
+
+def _side(end: float, expected: float) -> int:
+    """On which side of what should be an end is."""
+    return int(end > expected) - int(end < expected)
+
+
+def _decimals(value: float, low: float, high: float) -> int:
     half = 0.5 * (high - low)
     scale, digits = (half, 2) if half > 0.0 and math.isfinite(half) else (abs(value), 3)
     if not (scale > 0.0 and math.isfinite(scale)):
@@ -32,20 +48,20 @@ def number(value: float, places: int) -> str:
     return f"{rounded + 0.0:.{max(places, 0)}f}"
 
 
-def figure(found: Estimate) -> str:
+def figure(found: Estimate, expected: float = math.nan) -> str:
     """The value with as many digits as its interval leaves sense in."""
-    return number(found.value, decimals(found.value, found.low, found.high))
+    return number(found.value, decimals(found.value, found.low, found.high, expected))
 
 
-def interval(found: Estimate) -> str:
-    """Both ends with the same digits; empty where there is no interval."""
+def interval(found: Estimate, expected: float = math.nan) -> str:
+    """Both ends with the same digits, on the sides of what should be where they are; empty without an interval."""
     if math.isnan(found.low):
         return ""
-    places = decimals(found.value, found.low, found.high)
+    places = decimals(found.value, found.low, found.high, expected)
     return f"{number(found.low, places)} to {number(found.high, places)}"
 
 
-def bracketed(found: Estimate) -> str:
+def bracketed(found: Estimate, expected: float = math.nan) -> str:
     """Value and interval: 0.997 [0.944, 1.052]."""
-    both = interval(found)
-    return f"{figure(found)} [{both.replace(' to ', ', ')}]" if both else figure(found)
+    both = interval(found, expected)
+    return f"{figure(found, expected)} [{both.replace(' to ', ', ')}]" if both else figure(found)

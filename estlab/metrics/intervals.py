@@ -1,4 +1,4 @@
-"""Intervals, bands and tests at 95 %, over independent runs."""
+"""Intervals, bands and tests over independent runs, at 95 % where nothing else is said."""
 
 from typing import NamedTuple
 
@@ -7,8 +7,8 @@ import numpy as np
 from estlab.maths.space import Array
 from estlab.metrics.moments import Moments
 
-CONFIDENCE = 0.95  # of an interval or a band
 LEVEL = 0.05  # of a test: its share of false alarms
+CONFIDENCE = 1.0 - LEVEL  # of an interval or a band
 
 
 class Estimate(NamedTuple):
@@ -20,18 +20,14 @@ class Estimate(NamedTuple):
     n: int
 
 
-def mean_interval(moments: Moments, among: int = 1) -> Estimate:
-    """Student's t interval for a mean over runs.
-
-    among: of how many means this is one, for an interval such that all of them hold with 95 % (Bonferroni): what is
-    shown for being the furthest of several is chosen by chance too.
-    """
+def mean_interval(moments: Moments, level: float = LEVEL) -> Estimate:
+    """Student's t interval for a mean over runs, which misses with the probability ``level``."""
     mean, error, n = _parts(moments)
-    half = _t_quantile(n, among) * error
+    half = _t_quantile(n, level) * error
     return Estimate(mean, mean - half, mean + half, n)
 
 
-def positive_interval(moments: Moments) -> Estimate:
+def positive_interval(moments: Moments, level: float = LEVEL) -> Estimate:
     """The same on the scale of logarithms, by the delta method: a mean of positive values cannot reach zero.
 
     For values as skewed as chi-squares it covers as it says from five runs on, where Student's does not
@@ -39,13 +35,18 @@ def positive_interval(moments: Moments) -> Estimate:
     """
     mean, error, n = _parts(moments)
     if n < 2 or not mean > 0.0:
-        return mean_interval(moments)
-    stretch = float(np.exp(min(_t_quantile(n) * error / mean, 50.0)))
+        return mean_interval(moments, level)
+    stretch = stretched(error / mean, n, level)
     return Estimate(mean, mean / stretch, mean * stretch, n)
 
 
+def stretched(relative_error: float, n: int, level: float) -> float:
+    """By what factor the interval of a mean of positive values reaches up and down, n runs having this much error."""
+    return float(np.exp(min(_t_quantile(n, level) * relative_error, 50.0)))
+
+
 def t_test(moments: Moments, expected: float) -> float:
-    """The two-sided p-value of a mean: below 5 % where :func:`mean_interval` leaves the expected value out."""
+    """The two-sided p-value of a mean: below a level where :func:`mean_interval` leaves the expected value out."""
     mean, error, n = _parts(moments)
     return _t_tail((mean - expected) / error, n) if error > 0.0 else np.nan
 
@@ -56,27 +57,7 @@ def positive_test(moments: Moments, expected: float) -> float:
     return _t_tail(np.log(mean / expected) * mean / error, n) if error > 0.0 and mean > 0.0 else np.nan
 
 
-def hotelling_test(moments: Moments) -> float:
-    """The p-value of a mean vector that should be zero, by the F law of Hotelling's T squared.
-
-    Anderson 2003, section 5.2.2. NaN unless there are more runs than numbers in a vector.
-    """
-    from scipy.special import fdtrc
-
-    p, n = moments.mean.shape[0], int(moments.count)
-    if n <= p or not np.isfinite(moments.mean).all():
-        return np.nan
-    scatter = moments.scatter
-    # What does not vary at all has no test: an error that is exactly zero is one of these.
-    if not (np.diag(scatter) > 0.0).all():
-        return np.nan
-    scale = np.sqrt(np.diag(scatter))
-    mean = moments.mean / scale
-    square = n * (n - 1) * mean @ np.linalg.lstsq(scatter / np.outer(scale, scale), mean, rcond=None)[0]
-    return float(fdtrc(p, n - p, square * (n - p) / (p * (n - 1))))
-
-
-def share_interval(share: float, n: float) -> Estimate:
+def share_interval(share: float, n: float, level: float = LEVEL) -> Estimate:
     """Wilson's interval for the share of n independent runs in which something holds. Brown, Cai and DasGupta 2001.
 
     n may be an effective number, not whole.
@@ -85,13 +66,13 @@ def share_interval(share: float, n: float) -> Estimate:
 
     if not n > 0.0:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    z2 = float(ndtri(0.5 + CONFIDENCE / 2.0)) ** 2
+    z2 = float(ndtri(1.0 - level / 2.0)) ** 2
     middle = (share + z2 / (2 * n)) / (1 + z2 / n)
     half = np.sqrt(z2 * (share * (1 - share) / n + z2 / (4 * n * n))) / (1 + z2 / n)
-    return Estimate(share, min(middle - half, share), max(middle + half, share), round(n))
+    return Estimate(share, float(min(middle - half, share)), float(max(middle + half, share)), round(n))
 
 
-def time_share_interval(moments: Moments) -> Estimate:
+def time_share_interval(moments: Moments, level: float = LEVEL) -> Estimate:
     """Wilson's interval for a share of time, as a mean over runs whose own shares are of many steps.
 
     The steps of a run are not independent, so it is taken as the share of as many independent trials as have the
@@ -100,17 +81,26 @@ def time_share_interval(moments: Moments) -> Estimate:
     """
     from scipy.special import ndtri
 
-    mean, error, n = _parts(moments)
-    share = min(max(mean, 0.0), 1.0)  # a sum of shares of time may be one and a last bit
-    trials = float(n)
-    if n > 1 and error > 1e-12:
-        trials = share * (1.0 - share) / error**2 * (float(ndtri(0.5 + CONFIDENCE / 2.0)) / _t_quantile(n)) ** 2
-    found = share_interval(share, trials if n > 1 else 0)
+    share, trials, n = _trials(moments)
+    if n > 1 and trials != n:
+        trials *= (float(ndtri(1.0 - level / 2.0)) / _t_quantile(n, level)) ** 2
+    found = share_interval(share, trials if n > 1 else 0, level)
     return Estimate(share if n else np.nan, found.low, found.high, n)
 
 
-def chi_square_band(freedom: Array) -> tuple[Array, Array]:
-    """Where a chi-square over its degrees of freedom lies with 95 %: lower and upper, NaN for no freedom.
+def time_share_test(moments: Moments, expected: float) -> float:
+    """The two-sided p-value of a share of time, in agreement with :func:`time_share_interval`."""
+    from scipy.special import ndtr
+
+    share, trials, n = _trials(moments)
+    away = abs(share - expected) * np.sqrt(trials / (expected * (1.0 - expected)))
+    if n < 2:
+        return np.nan
+    return _t_tail(away, n) if trials != n else float(2.0 * ndtr(-away))
+
+
+def chi_square_band(freedom: Array, level: float = LEVEL) -> tuple[Array, Array]:
+    """Where a chi-square over its degrees of freedom lies but for ``level``: lower and upper, NaN for no freedom.
 
     Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2.
     """
@@ -118,9 +108,9 @@ def chi_square_band(freedom: Array) -> tuple[Array, Array]:
 
     freedom = np.where(np.asarray(freedom) > 0, freedom, np.nan)
     distinct, place = np.unique(freedom, return_inverse=True)  # few, along a recording of many steps
-    tail = 0.5 * (1.0 - CONFIDENCE)
     lower, upper = (
-        (2.0 * gammaincinv(0.5 * distinct, p) / distinct)[place.reshape(freedom.shape)] for p in (tail, 1.0 - tail)
+        (2.0 * gammaincinv(0.5 * distinct, p) / distinct)[place.reshape(freedom.shape)]
+        for p in (0.5 * level, 1.0 - 0.5 * level)
     )
     return lower, upper
 
@@ -146,6 +136,27 @@ def holm(p_values: Array) -> Array:
     return adjusted
 
 
+def judged_at(p_values: Array) -> Array:
+    """The level at which Holm's method judges each p-value, as :func:`holm` adjusts them; NaN for NaN.
+
+    An interval of that level leaves out what should be just where its test rejects: one error rate decides both.
+    Those rejected are judged at 5 % over m, m - 1, ...; all others at the level at which the method stopped.
+    """
+    adjusted, levels = holm(p_values), np.full(np.shape(p_values), np.nan)
+    known = np.flatnonzero(np.isfinite(adjusted))
+    order = known[np.argsort(np.asarray(p_values)[known], kind="stable")]
+    rejected = int((adjusted[order] < LEVEL).sum())
+    levels[order] = LEVEL / np.maximum(order.size - np.minimum(np.arange(order.size), rejected), 1)
+    return levels
+
+
+def _trials(moments: Moments) -> tuple[float, float, int]:
+    """A share of time, how many independent trials have the variance that the runs show, and the number of runs."""
+    mean, error, n = _parts(moments)
+    share = min(max(mean, 0.0), 1.0)  # a sum of shares of time may be one and a last bit
+    return share, share * (1.0 - share) / error**2 if n > 1 and error > 1e-12 else float(n), n
+
+
 def _parts(moments: Moments) -> tuple[float, float, int]:
     """Mean, its standard error and the number of runs, of moments of single numbers."""
     n = int(moments.count)
@@ -153,10 +164,10 @@ def _parts(moments: Moments) -> tuple[float, float, int]:
     return mean, float(np.sqrt(moments.cov[0, 0] / max(n, 1))), n
 
 
-def _t_quantile(n: int, among: int = 1) -> float:
+def _t_quantile(n: int, level: float) -> float:
     from scipy.special import stdtrit
 
-    return float(stdtrit(n - 1, 1.0 - (1.0 - CONFIDENCE) / (2.0 * among))) if n > 1 else np.nan
+    return float(stdtrit(n - 1, 1.0 - level / 2.0)) if n > 1 else np.nan
 
 
 def _t_tail(t: float, n: int) -> float:

@@ -58,13 +58,13 @@ class Moments:
 class Histogram:
     """How many runs lie in each of the bins whose edges are spaced evenly in the logarithm, for (*shape, runs) values.
 
-    What is zero, or beyond the outermost edges, is counted in the outermost bins; NaN is not counted.
+    The first bin is of what lies below all of these, zero too, the last of what lies above. NaN is not counted.
     """
 
     PER_DECADE, DECADES = 20, 12  # so many bins a decade, so many decades on each side of one
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        self.counts = np.zeros((*shape, 2 * self.DECADES * self.PER_DECADE), dtype=np.int64)
+        self.counts = np.zeros((*shape, 2 * self.DECADES * self.PER_DECADE + 2), dtype=np.int64)
 
     def plus(self, other: "Histogram") -> "Histogram":
         """Of the runs of both."""
@@ -76,12 +76,13 @@ class Histogram:
         """Count a block's values (*shape, runs)."""
         bins = self.counts.shape[-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            place = np.floor((np.log10(values) + self.DECADES) * self.PER_DECADE)
+            place = np.floor((np.log10(values) + self.DECADES) * self.PER_DECADE) + 1.0
         known = ~np.isnan(values)
         place = np.clip(np.where(known, place, 0.0), 0, bins - 1).astype(int)
         for index in np.ndindex(*self.counts.shape[:-1]):
             self.counts[index] += np.bincount(place[index][known[index]], minlength=bins)
 
     def edges(self) -> Array:
-        """The edges of the bins, one more than there are bins."""
-        return 10.0 ** (np.arange(self.counts.shape[-1] + 1) / self.PER_DECADE - self.DECADES)
+        """The edges of the bins, one more than there are bins: from zero to infinity."""
+        inner = 10.0 ** (np.arange(self.counts.shape[-1] - 1) / self.PER_DECADE - self.DECADES)
+        return np.concatenate([[0.0], inner, [np.inf]])

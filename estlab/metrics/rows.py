@@ -1,12 +1,12 @@
 """The tables of an ensemble, by column or by row, from what was tallied."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.consistency import Test, component_biases
+from estlab.metrics.consistency import BIAS, FEWEST, NEES, NIS, WHITENESS, Test, intervals_of_all, nees_of
 from estlab.metrics.credibility import credibility
 from estlab.metrics.intervals import (
     LEVEL,
@@ -18,15 +18,20 @@ from estlab.metrics.intervals import (
 )
 from estlab.metrics.laws import SIGMAS, within
 from estlab.metrics.moments import Moments
-from estlab.metrics.scores import LAGS, quietly
+from estlab.metrics.scores import quietly
 from estlab.metrics.tally import CAUSES, Tally
 from estlab.metrics.verdict import Verdict
 
 Columns = dict[str, Array]
 
+ERRORS = "errors"  # the group of metrics that no run does without
+
 
 class Row(NamedTuple):
-    """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval."""
+    """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval.
+
+    Of what a test judges (anees, anis, normalised_bias, innovation_correlation) the interval is the test's.
+    """
 
     metric: str
     component: str
@@ -45,17 +50,45 @@ def _count(metric: str, unit: str, value: float, n: int) -> Row:
     return Row(metric, "all", unit, value, np.nan, np.nan, n)
 
 
-@quietly
-def metric_rows(tally: Tally, verdict: Verdict, bound: Array | None = None) -> list[Row]:
+def metric_rows(tally: Tally, tests: Sequence[Test], verdict: Verdict, bound: Array | None = None) -> list[Row]:
     """Every figure of an ensemble but its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
-    rows = [*_errors(tally), *_all_components(tally), *_efficiency(tally, bound), *_found(tally), *_noted(tally)]
-    if tally.repeated:
-        rows = [row._replace(ci_low=np.nan, ci_high=np.nan) for row in rows]
+    return [row for make in metric_groups(tally, tests, verdict, bound).values() for row in make()]
+
+
+def metric_groups(
+    tally: Tally, tests: Sequence[Test], verdict: Verdict | None, bound: Array | None = None
+) -> dict[str, Callable[[], list[Row]]]:
+    """The same in groups, by name, each made when it is called; without a verdict there is no row of it."""
+
+    def made(rows: Callable[[], Iterable[Row]]) -> Callable[[], list[Row]]:
+        return quietly(lambda: [_unsure(row) if tally.repeated else row for row in rows()])
+
+    return {
+        ERRORS: made(lambda: _errors(tally)),
+        "what is judged": made(lambda: _judged(tally, {test.name: test for test in tests})),
+        "shares inside": made(lambda: _all_components(tally)),
+        "credibility": made(lambda: _credibility(tally)),
+        "likelihood": made(lambda: _innovations(tally)),
+        "efficiency": made(lambda: _efficiency(tally, bound)),
+        "found": made(lambda: _found(tally)),
+        "what the filter noted": made(lambda: _noted(tally)),
+        "diverged runs": made(lambda: _diverged(tally)),
+        "verdict": made(lambda: [] if verdict is None else [_verdict(tally, verdict)]),
+    }
+
+
+def _unsure(row: Row) -> Row:
+    return row._replace(ci_low=np.nan, ci_high=np.nan)
+
+
+def _diverged(tally: Tally) -> Iterator[Row]:
     for cause in CAUSES:
-        rows.append(_count(cause, "runs", tally.diverged[cause], tally.runs))
-    rows.append(_count("diverged", "runs", sum(tally.diverged.values()), tally.runs))
-    rows.append(Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs))
-    return rows
+        yield _count(cause, "runs", tally.diverged[cause], tally.runs)
+    yield _count("diverged", "runs", sum(tally.diverged.values()), tally.runs)
+
+
+def _verdict(tally: Tally, verdict: Verdict) -> Row:
+    return Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs)
 
 
 def _errors(tally: Tally) -> Iterator[Row]:
@@ -68,6 +101,9 @@ def _errors(tally: Tally) -> Iterator[Row]:
             unit = space.units[space.position[0]]
             whole = moments[square.replace("mean_square", "position_square")]
             yield _row(metric, "position", unit, _root(positive_interval(whole)))
+        if "state_square" in moments:
+            every = moments[square.replace("mean_square", "state_square")]
+            yield _row(metric, "all", space.units[0], _root(positive_interval(every)))
     for metric in ("median_abs_error", "mean_error", "mean_sigma"):
         for i, (name, unit) in each:
             yield _row(metric, name, unit, mean_interval(moments[metric].at(i)))
@@ -75,30 +111,53 @@ def _errors(tally: Tally) -> Iterator[Row]:
         yield _row("inside_3sigma", name, "", time_share_interval(moments["inside"].at(2, i)))
     for i, (name, _) in each:
         yield _row("scored", name, "", _clipped(mean_interval(moments["scored"].at(i))))
-    for name, found, _ in component_biases(tally):
-        yield _row("normalised_bias", name, "sigma", found)
     if "position_square" in moments:
         unit = space.units[space.position[0]]
         yield _row("median_abs_error", "position", unit, mean_interval(moments["position_median"]))
         yield _row("scored", "position", "", _clipped(mean_interval(moments["position_scored"])))
 
 
+def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[Row]:
+    """What tests judge, with the intervals by which they do; of fewer runs than a test needs, without one."""
+    if not by:  # they could not be made, and without them there is no saying how sure these are
+        return
+    bias = intervals_of_all(tally.moments["bias"], _level(by[BIAS]))
+    for name, found in zip(tally.space.names, bias, strict=True):
+        yield _row("normalised_bias", name, "sigma", _of_enough(found))
+    yield _row("anees", "all", "", _of_enough(positive_interval(nees_of(tally)[1], _level(by[NEES]))))
+    yield _row("anees_converged", "all", "", _of_enough(positive_interval(nees_of(tally, "_converged")[1])))
+    if int(tally.moments["nis"].count):
+        yield _row("anis", "all", "", by[NIS].found)
+        for lag, found in enumerate(intervals_of_all(tally.moments["correlation"], _level(by[WHITENESS]))):
+            yield _row("innovation_correlation", f"lag {lag + 1}", "", _of_enough(found))
+
+
+def _of_enough(found: Estimate) -> Estimate:
+    return found if found.n >= FEWEST else found._replace(low=np.nan, high=np.nan)
+
+
+def _level(test: Test) -> float:
+    """That at which it judges; the usual one where it could not."""
+    return test.level if np.isfinite(test.level) else LEVEL
+
+
 def _all_components(tally: Tally) -> Iterator[Row]:
     moments = tally.moments
     yield _row("inside_3sigma", "all", "", time_share_interval(moments["inside"].at(2, tally.space.size)))
     yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
-    yield _row("anees", "all", "", positive_interval(moments["anees"]))
-    yield _row("anees_converged", "all", "", positive_interval(moments["anees_converged"]))
+
+
+def _credibility(tally: Tally) -> Iterator[Row]:
     if not tally.repeated and not tally.sampled:
         index, inclination = credibility(*tally.first)
         yield _row("noncredibility", "all", "dB", index)
         yield _row("inclination", "all", "dB", inclination)
+
+
+def _innovations(tally: Tally) -> Iterator[Row]:
+    moments = tally.moments
     if int(moments["anis"].count):
-        yield _row("anis", "all", "", positive_interval(moments["anis"]))
         yield _row("loglik", "all", "nat", mean_interval(moments["loglik"]))
-        for lag in range(LAGS):
-            found = mean_interval(moments["correlation"].component(lag))
-            yield _row("innovation_correlation", f"lag {lag + 1}", "", found)
 
 
 def _efficiency(tally: Tally, bound: Array | None) -> Iterator[Row]:
@@ -148,7 +207,7 @@ def test_rows(tests: Sequence[Test]) -> list[dict[str, object]]:
             "p_holm": test.adjusted,
             "n": test.found.n,
             "outcome": _outcome(test),
-            "level": LEVEL,
+            "level": test.level,
         }
         for test in tests
     ]

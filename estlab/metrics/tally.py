@@ -19,6 +19,7 @@ from estlab.metrics.scores import (
 )
 from estlab.record import Estimates, Record
 
+_MANY = 9  # components of one unit from which there is an RMSE over all of them
 _NAMED = 100  # diverged runs that are named, of each kind
 _SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # what is kept of single errors, for what cannot be added up
 
@@ -106,6 +107,8 @@ class Tally:
         found = {"mean_square": _mean(scores.error**2, scores.scored, 1)}
         if scores.distance is not None:
             found["position_square"] = _mean(scores.distance**2, np.isfinite(scores.distance), 0)
+        if self.space.size >= _MANY and len(set(self.space.units)) == 1:
+            found["state_square"] = _mean(scores.error**2, scores.scored, (0, 1))
         found["anees"] = _mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
         return found
 
@@ -134,13 +137,19 @@ class Tally:
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
         """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
+        nees = _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0))
         found = {
-            "nees": _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0)),
+            "nees": nees,
+            "nees_converged": np.where(scores.diverged, np.nan, nees),
             "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
             "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
             "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
             "loglik": scores.log_likelihood / _or_nan(scores.measured.sum(axis=0)),
         }
+        if estimates.sample is not None:
+            # A cloud that was without a law at any step is one from which few states have come on.
+            found["starved"] = (~np.isfinite(scores.nees_mean)).any(axis=0).astype(float)
+            found["fewest"] = np.broadcast_to(estimates.sample[0], lawful.shape).min(axis=0)
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.
             read = scores.measured > 0 if scores.measured.any() else np.ones(scores.nees.shape, dtype=bool)
@@ -194,11 +203,11 @@ class Tally:
         return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
 
 
-def _total(values: Array, where: Array, axis: int) -> Array:
+def _total(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
     return np.asarray(np.sum(values, axis=axis, where=where))
 
 
-def _mean(values: Array, where: Array, axis: int) -> Array:
+def _mean(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
     return _total(values, where, axis) / _or_nan(where.sum(axis=axis))
 
 

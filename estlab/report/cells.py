@@ -25,7 +25,7 @@ def figure_cell(row: Row | None, value: str = "value", low: str = "ci_low", high
         return Cell("" if word.lower() == "nan" else word)
     if found.low != found.low and found.value.is_integer() and abs(found.value) < 1e15:
         return Cell(f"{found.value:.0f}", found.value)
-    return Cell(figure(found), found.value)
+    return Cell(figure(found, as_number(row.get("expected"))), found.value)
 
 
 def interval_cell(row: Row | None, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Cell:
@@ -33,7 +33,8 @@ def interval_cell(row: Row | None, value: str = "value", low: str = "ci_low", hi
     if row is None:
         return Cell("")
     found = estimate(row, value, low, high)
-    return Cell(interval(found), found.low) if found.low == found.low and found.high == found.high else Cell("")
+    shown = interval(found, as_number(row.get("expected")))
+    return Cell(shown, found.low) if found.low == found.low and found.high == found.high else Cell("")
 
 
 def share_cell(row: Row | None, value: str = "value") -> Cell:

@@ -1,12 +1,14 @@
 """What a directory holds, read as data: bounded, through no link, and nothing in it is imported or run."""
 
+import contextlib
 import csv
 import io
 import json
 import os
-import stat
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from estlab.rundir import files
 
 _BYTES = 4 * 2**20  # of a text file that are read
 _PLOT_BYTES = 8 * 2**20
@@ -45,30 +47,19 @@ class Contents:
 
         Raises UnusableError for a file that is missing, cannot be read, is a link or no regular file.
         """
-        path = self.path / name
-        if any((self.path / folder).is_symlink() for folder in list(Path(name).parents)[:-1]):
-            raise UnusableError(f"{name} lies in a folder that is a link, which is not followed.")
         try:
-            # A stranger's pipe must not hold us up.
-            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            with files.opened(self.path, name) as stream:
+                size = os.fstat(stream.fileno()).st_size
+                stream.seek(max(0, size - most) if last else 0)
+                return stream.read(most), size > most
         except FileNotFoundError as error:
             raise UnusableError(f"{name} is missing.") from error
-        except OSError as error:
-            link = path.is_symlink()
-            why = "is a link, which is not followed" if link else f"cannot be read ({error.strerror})"
-            raise UnusableError(f"{name} {why}.") from error
-        try:
-            facts = os.fstat(handle)
-            if not stat.S_ISREG(facts.st_mode):
-                raise UnusableError(f"{name} is no regular file.")
-            start = max(0, facts.st_size - most) if last else 0
-            with open(handle, "rb", closefd=False) as stream:
-                stream.seek(start)
-                return stream.read(most), facts.st_size > most
+        except files.RefusedError as error:
+            where = Path(error.filename).relative_to(self.path)
+            within = "" if str(where) == name else f"{name} cannot be read: "
+            raise UnusableError(f"{within}{where} {error.strerror}.") from error
         except OSError as error:
             raise UnusableError(f"{name} cannot be read ({error.strerror}).") from error
-        finally:
-            os.close(handle)
 
     def text(self, name: str, most: int = _BYTES, last: bool = False) -> tuple[str, str]:
         """A file's text and a remark where it is cut.
@@ -117,10 +108,10 @@ class Contents:
 
     def plots(self, folder: str) -> tuple[dict[str, bytes], list[str]]:
         """The PNG files of a folder by name, and a remark for each that is left out."""
-        if (self.path / folder).is_symlink():
-            return {}, [f"{folder}/ is a link, which is not followed."]
         try:
-            names = sorted(path.name for path in (self.path / folder).iterdir() if path.suffix == ".png")
+            names = [name for name in files.names(self.path, folder) if name.endswith(".png")]
+        except files.RefusedError as error:
+            return {}, [f"{folder}/ {error.strerror}."]
         except OSError:
             return {}, []
         found, remarks = {}, []
@@ -142,24 +133,16 @@ class Contents:
         """The regular files of the directory and of these folders in it, by name; hidden ones and links left out."""
         found = []
         for folder in ("", *folders):
-            if folder and (self.path / folder).is_symlink():
-                continue
-            try:
-                with os.scandir(self.path / folder) as entries:
-                    for entry in entries:
-                        if entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
-                            name = f"{folder}/{entry.name}" if folder else entry.name
-                            found.append(File(name, entry.stat(follow_symlinks=False).st_size))
-            except OSError:
-                continue
+            with contextlib.suppress(OSError), files.folder(self.path, folder) as handle, os.scandir(handle) as entries:
+                for entry in entries:
+                    if entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
+                        name = f"{folder}/{entry.name}" if folder else entry.name
+                        found.append(File(name, entry.stat(follow_symlinks=False).st_size))
         return sorted(found)[:_FILES]
 
     def has(self, name: str) -> bool:
         """Whether there is something of this name, if only a link to nowhere."""
-        try:
-            return os.path.lexists(self.path / name)
-        except ValueError:
-            return False
+        return files.has(self.path, name)
 
     def is_folder(self, name: str) -> bool:
         """Whether a name is that of a folder in the directory itself, and no link."""

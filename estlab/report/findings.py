@@ -9,11 +9,11 @@ from estlab.metrics.verdict import Verdict
 
 
 class Findings(NamedTuple):
-    """Rows of figures, tests and the verdict."""
+    """Rows of figures, tests and the verdict, as far as they could be made."""
 
     rows: Sequence[Row]
     tests: Sequence[Test]
-    verdict: Verdict
+    verdict: Verdict | None
 
     def row(self, metric: str, component: str = "all") -> Row | None:
         """The row of a metric and component, if there is one and it has a value."""

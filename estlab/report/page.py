@@ -6,13 +6,13 @@ from pathlib import Path
 from string import Template
 
 from estlab import rundir
-from estlab.datasets.whole import write_text
 from estlab.errors import UserError
 from estlab.report.contents import Contents
 from estlab.report.markup import text
 from estlab.report.parts import REPORT, Page
 from estlab.report.run_page import run_page
 from estlab.report.sweep_page import PLAN, SWEEP, sweep_page
+from estlab.rundir.files import write_text
 
 _HERE = Path(__file__).parent
 
@@ -22,7 +22,7 @@ def write(path: Path) -> Path:
 
     Raises UserError for a directory of neither a run nor a sweep, OSError where it cannot be written.
     """
-    return write_text(path / REPORT, draw(path))
+    return write_text(path, REPORT, draw(path))
 
 
 def draw(path: Path) -> str:

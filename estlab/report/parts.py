@@ -23,6 +23,9 @@ _PLOTS = {
     "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, a panel a component",
     "nees": "NEES / n over time with the 95 % band of a consistent filter",
     "nis": "NIS / m over time with the 95 % band of a consistent filter",
+    "components": "RMSE and mean sigma of every component, over all time",
+    "cloud": "The cloud of particles at six moments, of the best and the worst run of those kept",
+    "repeats": "The runs over one recording beside each other",
     "ess": "Effective sample size over time",
     "distribution": "Distribution over runs of RMSE and NEES",
     "trajectory": "Trajectory of the first run, true and estimated",
@@ -52,6 +55,8 @@ def made(make: Callable[[], Html]) -> Html:
         return make()
     except UnusableError as error:
         return note(str(error))
+    except Exception as error:
+        return note(f"This part cannot be made ({type(error).__name__}: {error}).")
 
 
 def status(word: str) -> Html:

@@ -11,7 +11,13 @@ from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Cell, Html, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
 
-_TESTS = {"nees": "NEES / {}", "nis": "NIS / {}", "bias": "bias {} [sigma]", "whiteness": "correlation of innovations"}
+_TESTS = {
+    "nees": "NEES / {}",
+    "nis": "NIS / {}",
+    "bias": "bias {} [sigma]",
+    "whiteness": "correlation of innovations",
+    "inside_3sigma": "share of {} inside 3 sigma, should be that or more",
+}
 
 Make = Callable[[], Html]
 
@@ -100,6 +106,8 @@ class _Run:
         found = [
             (filter, name) for name in components for filter in self.filters if (filter, "rmse", name) in self.found
         ]
+        if not any(as_number(self.found[filter, "rmse", name].get("value")) > 0.0 for filter, name in found):
+            return note("The truth is not known, so there are no errors to speak of.")
         lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
         bounded = any(metric == "efficiency" for _, metric, _ in self.found)
         headings = ["component", *self.filter, "RMSE", "95 % interval", *["of converged runs"] * lost]
@@ -126,7 +134,7 @@ class _Run:
             rows.append([*self.named(row.get("filter", "")), _TESTS.get(test, test).replace("{}", row.get("of", ""))])
             rows[-1] += [figure_cell(row), interval_cell(row), number_cell(row.get("expected"))]
             rows[-1] += [p_cell(row.get("p_holm")), f"✗ {outcome}" if outcome == "rejected" else outcome]
-        headings = (*self.filter, "test", "found", "95 % interval", "should be", "p, Holm", "outcome")
+        headings = (*self.filter, "test", "found", "interval, Holm", "should be", "p, Holm", "outcome")
         return join([table("Tests of consistency over the runs", headings, rows), note(found.remark)])
 
     def comparison(self) -> Html:
@@ -161,6 +169,8 @@ class _Run:
 
     def coverage(self) -> Html:
         found = self.contents.table(rundir.COVERAGE)
+        if not any(as_number(row.get("share")) >= 0.0 for row in found.rows):
+            return note("The truth is not known, so no share of errors is.")
         sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
         lines: dict[tuple[str, ...], dict[str, Row]] = {}
         for row in found.rows:

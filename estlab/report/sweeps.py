@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estlab.report.figures import png, said, short
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -20,6 +22,7 @@ _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
 _CELLS = 8  # rows and columns of a map up to which its numbers are written in it
 _TICKS = 12  # values of a key up to which each is a tick
+_LARGEST = 1e100  # that a picture's coordinates hold
 _ROUND = ("anees", "anis")  # metrics that are 1 when the filter is consistent
 
 
@@ -32,6 +35,8 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
 
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
     table = (table[table["status"] == "ok"] if "status" in table else table).copy()
+    metric_columns = [column for column in table.columns if "." in column and _is_numeric(table[column])]
+    table[metric_columns] = table[metric_columns].where(table[metric_columns].abs() < _LARGEST)
     numbers = [key for key in keys if _is_numeric(table[key]) and table[key].nunique() > 1]
     numbers = sorted(numbers, key=lambda key: -table[key].nunique())
     numbers, others = numbers[:2], [key for key in keys if key not in numbers[:2]]
@@ -42,16 +47,41 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     series = list(dict.fromkeys(table["_series"]))
     if numbers and len(series) > _MULTIPLES:
         return [f"no plots: {len(series)} curves or maps would be too many; sweep fewer keys, or draw from {path.name}"]
+    axes = sorted(numbers, key=list(keys).index)
+    failed = []
     for metric, columns in metrics.items():
-        if len(numbers) == 2:
-            figure = draw_maps(table, columns, sorted(numbers, key=list(keys).index), series, units)
-        elif numbers:
-            figure = draw_curves(table, columns, numbers[0], series, units)
+        try:
+            content = _drawn(table, columns, axes, series, units, title)
+        except Warning:
+            raise
+        except Exception as error:
+            failed.append(f"missing: {metric}.png ({type(error).__name__}: {error})")
         else:
-            figure = draw_points(table, columns, series, units)
-        figure.suptitle(textwrap.fill(title, int(10 * figure.get_figwidth())), fontsize=9)
-        save(f"{metric}.png", partial(figure.savefig, format="png", dpi=110))
-    return []
+            save(f"{metric}.png", partial(_put, content))
+    return failed
+
+
+def _drawn(
+    table: "DataFrame",
+    columns: Sequence[str],
+    keys: Sequence[str],
+    series: Sequence[str],
+    units: Mapping[str, str],
+    title: str,
+) -> bytes:
+    """A metric's figure, as a PNG file: over two keys, one or none."""
+    if len(keys) == 2:
+        figure = draw_maps(table, columns, keys, series, units)
+    elif keys:
+        figure = draw_curves(table, columns, keys[0], series, units)
+    else:
+        figure = draw_points(table, columns, series, units)
+    figure.suptitle(textwrap.fill(said(title), int(10 * figure.get_figwidth())), fontsize=9)
+    return png(figure)
+
+
+def _put(content: bytes, stream: Any) -> None:
+    stream.write(content)
 
 
 def draw_curves(
@@ -62,14 +92,14 @@ def draw_curves(
     for axes, column in zip(panels, columns, strict=True):
         for name, colour in zip(series, _cycled(len(series)), strict=True):
             rows = table[table["_series"] == name].sort_values(key)
-            axes.plot(rows[key], rows[column], "o-", ms=3.5, lw=1.2, color=colour, label=name or None)
+            axes.plot(rows[key], rows[column], "o-", ms=3.5, lw=1.2, color=colour, label=short(name) or None)
             if f"{column}.low" in rows:
                 low, high = rows[f"{column}.low"], rows[f"{column}.high"]
                 axes.fill_between(rows[key], low, high, color=colour, alpha=0.18, lw=0)
         _label(axes, column, units)
         _key_scale(axes, table[key])
         _value_scale(axes, table[column])
-    panels[-1].set_xlabel(key)
+    panels[-1].set_xlabel(said(key))
     _legend(figure, panels[0], series)
     return figure
 
@@ -89,7 +119,9 @@ def draw_points(
         axes.set_xlim(-0.5, len(series) - 0.5)
         _label(axes, column, units)
         _value_scale(axes, table[column])
-    panels[-1].set_xticks(range(len(series)), series, rotation=30 if len(series) > 4 else 0)
+    panels[-1].set_xticks(
+        range(len(series)), [short(name, 30) for name in series], rotation=30 if len(series) > 4 else 0
+    )
     return figure
 
 
@@ -118,12 +150,12 @@ def draw_maps(
             axes.set_xticks(np.arange(len(xs)) + 0.5, [f"{x:g}" for x in xs], rotation=90 if len(xs) > _CELLS else 0)
             axes.set_yticks(np.arange(len(ys)) + 0.5, [f"{y:g}" for y in ys])
             if axes in grid[0] and name:
-                axes.set_title(name, fontsize=10)
+                axes.set_title(short(name, 30), fontsize=10)
             if axes in grid[-1]:
-                axes.set_xlabel(across)
-        row[0].set_ylabel(down)
+                axes.set_xlabel(said(across))
+        row[0].set_ylabel(said(down))
         unit = f" [{units[column]}]" if units.get(column) else ""
-        figure.colorbar(image, ax=list(row), label=_shown(column) + unit)
+        figure.colorbar(image, ax=list(row), label=said(_shown(column) + unit))
     return figure
 
 
@@ -147,7 +179,7 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
     label = _shown(column) + (f" [{units[column]}]" if units.get(column) else "")
-    axes.set_ylabel(textwrap.fill(label, 20))
+    axes.set_ylabel(textwrap.fill(said(label), 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)
@@ -171,7 +203,7 @@ def _key_scale(axes: "Axes", values: "Series[float]") -> None:
     if values.min() > 0.0 and values.max() >= 10.0 * values.min():
         axes.set_xscale("log")
     if values.nunique() <= _TICKS:
-        axes.set_xticks(sorted(values.unique()), [f"{value:g}" for value in sorted(values.unique())])
+        axes.set_xticks(sorted(values.dropna().unique()), [f"{value:g}" for value in sorted(values.dropna().unique())])
         axes.minorticks_off()
 
 

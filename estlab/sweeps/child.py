@@ -19,7 +19,7 @@ from estlab.sweeps.job import Job
 
 def run_for(job: Job, limit: float) -> int:
     """Run a job for at most so many seconds, its start included; the exit code. Its status says why it was ended."""
-    folder = Path(job.folder)
+    sweep, name = Path(job.sweep), job.name
     alive, held = os.pipe()
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with tempfile.TemporaryFile() as said:
@@ -33,18 +33,18 @@ def run_for(job: Job, limit: float) -> int:
             process.communicate(json.dumps(asdict(job)).encode(), timeout=limit)
         except subprocess.TimeoutExpired:
             _kill(process)
-            if state.outcome(folder).state == "ok":
+            if state.outcome(sweep, name).state == "ok":
                 return OK
-            rundir.end(folder, f"took longer than sweep.timeout={limit:g} s and was ended")
+            rundir.end(sweep, name, f"took longer than sweep.timeout={limit:g} s and was ended")
             return FAILED
         except BaseException:
             _ask_to_end(process)
             raise
         finally:
             os.close(held)
-        if state.outcome(folder).state in ("left", "running"):
+        if state.outcome(sweep, name).state in ("left", "running"):
             said.seek(0)
-            rundir.end(folder, _last_words(process.returncode, said.read().decode(errors="replace")))
+            rundir.end(sweep, name, _last_words(process.returncode, said.read().decode(errors="replace")))
             return FAILED
         return process.returncode
 

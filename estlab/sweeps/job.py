@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from estlab import rundir
 from estlab.launch import OK, USAGE, concluded, described, typed
 from estlab.path_arguments import as_typed
+from estlab.rundir import CONFIG, OVERRIDES, RunDirectory
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ _ONE_AT_A_TIME = threading.Lock()
 class Job:
     """All that a job needs, as plain data that any process can be given."""
 
-    folder: str
+    sweep: str
+    name: str
     plain: dict[str, Any]
     scenario: str
     filter: str
@@ -44,13 +45,13 @@ class Job:
 
         facts: dict[str, Any] = {"fingerprint": state.fingerprint(self.plain, self.scenario, self.filter)}
         if self.plain["parts"]:
-            took = [state.outcome(Path(folder)).wall_time or 0.0 for folder in self.plain["parts"]]
+            took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in self.plain["parts"]]
             facts |= {"parts": len(took), state.PARTS_TOOK: round(sum(took), 3)}
-        directory = rundir.RunDirectory(Path(self.folder), **facts)
+        directory = RunDirectory(Path(self.sweep, self.name), Path(self.sweep), **facts)
 
         def work() -> str:
-            directory.write_text(rundir.CONFIG, self.config)
-            directory.write_text(rundir.OVERRIDES, self.typed)
+            directory.write_text(CONFIG, self.config)
+            directory.write_text(OVERRIDES, self.typed)
             names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
             experiment.check(settings, names)
@@ -68,27 +69,26 @@ def task(config: "DictConfig") -> int:
 
     with _ONE_AT_A_TIME:
         sweep, name = Path(HydraConfig.get().sweep.dir), str(HydraConfig.get().sweep.subdir)
-        folder = sweep / name
-        if (sweep / state.STOP).exists():
+        if state.stopped(sweep):
             with contextlib.suppress(OSError):
-                folder.rmdir()  # Hydra made it; what is not empty stays
+                (sweep / name).rmdir()  # Hydra made it; what is not empty stays
             return OK
-        job = _job(config, folder)
+        job = _job(config, sweep, name)
         limits = job.plain["sweep"]
         code = OK
         for _ in range(1 + limits["retries"]):
-            if state.at_work(folder) or _is_done(job):
+            if state.at_work(sweep, name) or _is_done(job):
                 return OK
             state.set_aside(sweep, name)
             code = _attempt(job, limits["timeout"])
             if code in (OK, USAGE):
                 break
         if code != OK and limits["fail_fast"]:
-            (sweep / state.STOP).touch()
+            state.stop(sweep)
         return code
 
 
-def _job(config: "DictConfig", folder: Path) -> Job:
+def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
@@ -98,7 +98,8 @@ def _job(config: "DictConfig", folder: Path) -> Job:
     # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
     words = [word for word in typed() if not word.startswith("parts=")]
     return Job(
-        folder=str(folder),
+        sweep=str(sweep),
+        name=name,
         plain=plain,
         scenario=names.scenario,
         filter=names.filter,
@@ -112,7 +113,7 @@ def _job(config: "DictConfig", folder: Path) -> Job:
 def _is_done(job: Job) -> bool:
     """Whether another worker, given up for dead, has done it after all."""
     wanted = state.fingerprint(job.plain, job.scenario, job.filter)
-    return state.outcome(Path(job.folder), wanted).state == "ok"
+    return state.outcome(Path(job.sweep), job.name, wanted).state == "ok"
 
 
 def _attempt(job: Job, limit: float | None) -> int:
@@ -124,7 +125,7 @@ def _attempt(job: Job, limit: float | None) -> int:
 
 
 @contextmanager
-def _output(directory: rundir.RunDirectory) -> Iterator[None]:
+def _output(directory: RunDirectory) -> Iterator[None]:
     """What the job prints, kept in a file of its directory: a hundred summaries are no answer to a sweep."""
     printed = io.StringIO()
     try:

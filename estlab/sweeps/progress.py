@@ -12,6 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from estlab import rundir
+from estlab.rundir import files
+from estlab.rundir.layout import RECORD_BYTES
 from estlab.sweeps import state
 
 _EVERY = 0.5  # seconds between looks at the directories
@@ -62,9 +64,9 @@ class _Watch:
 
     def look(self) -> None:
         for name in list(self.pending):
-            if not self._has_ended(self.sweep / name):
+            if not self._has_ended(name):
                 continue
-            found = state.outcome(self.sweep / name)
+            found = state.outcome(self.sweep, name)
             self.failed.discard(name)
             if found.state == "ok":
                 self.done += 1
@@ -78,10 +80,10 @@ class _Watch:
             self.said = time.monotonic()
             self.screen.print(Text(f"estlab: sweep, {self._words()}{self._to_go()}"))
 
-    def _has_ended(self, folder: Path) -> bool:
+    def _has_ended(self, name: str) -> bool:
         """A glance at the text: most jobs of a large sweep have not begun."""
         try:
-            return '"status": "running"' not in (folder / rundir.STATUS).read_text(errors="replace")
+            return b'"status": "running"' not in files.read(self.sweep, f"{name}/{rundir.STATUS}", RECORD_BYTES)
         except OSError:
             return False
 

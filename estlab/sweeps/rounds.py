@@ -96,28 +96,27 @@ class Rounds:
 
     def _is_lost(self, job: Planned) -> bool:
         """Whether its worker is gone. One that lives on is waited for."""
-        folder = self.sweep / job.name
-        while state.at_work(folder):
+        while state.at_work(self.sweep, job.name):
             time.sleep(0.1)
-        found = state.outcome(folder).state
+        found = state.outcome(self.sweep, job.name).state
         if found == "running":
             with contextlib.suppress(OSError):
-                rundir.end(folder, _LOST)
+                rundir.end(self.sweep, job.name, _LOST)
         return found in ("running", "interrupted")
 
     def _fail(self, job: Planned, error: object) -> None:
         """Say in its directory why a job never began, or remember it where there is no room even for that."""
         message = _told(error) if isinstance(error, Exception) else "its launcher never began it"
         try:
-            rundir.end(self.sweep / job.name, message)
+            rundir.end(self.sweep, job.name, message)
         except OSError:
             self.errors[job.name] = message
 
     def _has_not_begun(self, job: Planned) -> bool:
-        return state.outcome(self.sweep / job.name).state == "left"
+        return state.outcome(self.sweep, job.name).state == "left"
 
     def _stopped(self) -> bool:
-        return (self.sweep / state.STOP).exists()
+        return state.stopped(self.sweep)
 
 
 def _told(error: Exception) -> str:

@@ -38,10 +38,10 @@ def outcomes(jobs: Sequence[Planned], sweep: Path) -> dict[str, Outcome]:
     """What the directory of each job and part says. A job that is ok needs its parts no more."""
     found: dict[str, Outcome] = {}
     for job in jobs:
-        own = state.outcome(sweep / job.name, job.fingerprint)
+        own = state.outcome(sweep, job.name, job.fingerprint)
         for part in parts_of(job):
             done = own.state == "ok"
-            found[part.name] = Outcome("ok") if done else state.outcome(sweep / part.name, part.fingerprint)
+            found[part.name] = Outcome("ok") if done else state.outcome(sweep, part.name, part.fingerprint)
         found[job.name] = own
     return found
 

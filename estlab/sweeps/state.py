@@ -3,27 +3,33 @@
 import contextlib
 import csv
 import fcntl
+import io
+import itertools
 import json
 import os
 import platform
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal
 
 from estlab import rundir
-from estlab.datasets.whole import write_text
-from estlab.errors import UserError
+from estlab.errors import UserError, printable
+from estlab.rundir import files
+from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
 
-PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", "attempts"
+PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 # What may change between a job and its repetition without changing a figure of it.
 _NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective", "cores")
+
+_METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # the most that is read
 
 State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
 
@@ -69,60 +75,75 @@ def of_part(whole: str, which: int, parts: int) -> str:
     return f"{whole} part {which} of {parts}"
 
 
-def outcome(folder: Path, fingerprint: str | None = None) -> Outcome:
+def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
     """Read a job's directory. With a fingerprint, it is ok only if it is that job's."""
+    folder = PurePath(name)
     try:
-        stamp = json.loads((folder / rundir.STATUS).read_text())
-        state, error, code = stamp["status"], stamp.get("error", ""), stamp.get("exit_code", 0)
+        stamp = _record(sweep, folder / rundir.STATUS)
+        state, error, code = stamp["status"], stamp.get("error", ""), int(stamp.get("exit_code", 0))
     except (FileNotFoundError, NotADirectoryError):
         return Outcome("left")
-    except (OSError, ValueError, KeyError, TypeError):
+    except files.RefusedError as refused:
+        return Outcome("damaged", f"{PurePath(refused.filename).name} {refused.strerror}", 1)
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
         return Outcome("damaged", f"{rundir.STATUS} cannot be read", 1)
     if state not in ("running", "ok", "failed", "interrupted"):
         return Outcome("damaged", f"{rundir.STATUS} holds an unknown status", 1)
     try:
-        facts = json.loads((folder / rundir.RUN).read_text())
+        facts = _record(sweep, folder / rundir.RUN)
         took = float(facts["wall_time_s"]) + float(facts.get(PARTS_TOOK, 0.0))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
         facts, took = {}, None
     if state != "ok":
         # One that did not find what it should has its figures all the same.
-        return Outcome(state, str(error), int(code), took, _metrics(folder) or [])
+        return Outcome(state, str(error), code, took, _metrics(sweep, folder) or [])
     if fingerprint is not None and facts.get("fingerprint") != fingerprint:
         return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
     if facts.get("part"):
-        whole = _is_readable(folder / rundir.PART)
+        whole = _is_readable(sweep, folder / rundir.PART)
         return Outcome("ok", "", 0, took) if whole else Outcome("damaged", f"{rundir.PART} cannot be read", 1)
-    rows = _metrics(folder)
+    rows = _metrics(sweep, folder)
     if rows is None:
         return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
     return Outcome("ok", "", 0, took, rows)
 
 
-def _metrics(folder: Path) -> list[dict[str, str]] | None:
+def _record(sweep: Path, file: PurePath) -> dict[str, Any]:
+    try:
+        found = json.loads(files.read(sweep, str(file), RECORD_BYTES))
+    except RecursionError as error:
+        raise ValueError("nested deeper than what a run writes") from error
+    if not isinstance(found, dict):
+        raise TypeError("not an object")
+    return found
+
+
+def _metrics(sweep: Path, folder: PurePath) -> list[dict[str, str]] | None:
     """The rows of metrics.csv; None if they cannot be read."""
     try:
-        with open(folder / rundir.METRICS, newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
+        text = files.read(sweep, str(folder / rundir.METRICS), _METRICS_BYTES).decode()
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, ValueError, csv.Error):
         return None
     whole = rows and all(row.get("filter") and row.get("n") is not None for row in rows)
     return rows if whole else None
 
 
-def _is_readable(archive: Path) -> bool:
+def _is_readable(sweep: Path, archive: PurePath) -> bool:
     """Whether every array of a .npz is there to its last byte."""
     try:
-        with zipfile.ZipFile(archive) as stored:
+        with files.opened(sweep, str(archive), ARRAY_BYTES) as stream, zipfile.ZipFile(stream) as stored:
+            if any(member.compress_type != zipfile.ZIP_STORED for member in stored.infolist()):
+                return False  # a part has its arrays as they are; what unpacks to more is none
             return stored.testzip() is None
     except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
         return False
 
 
-def at_work(folder: Path) -> int | None:
+def at_work(sweep: Path, name: str) -> int | None:
     """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
     try:
-        stamp = json.loads((folder / rundir.STATUS).read_text())
+        stamp = _record(sweep, PurePath(name) / rundir.STATUS)
         if stamp["status"] != "running" or stamp["node"] != platform.node() or stamp["pid"] == os.getpid():
             return None
         os.kill(int(stamp["pid"]), 0)
@@ -134,22 +155,49 @@ def at_work(folder: Path) -> int | None:
 
 
 def set_aside(sweep: Path, name: str) -> None:
-    """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed."""
-    folder, kept = sweep / name, sweep / ATTEMPTS / name
-    if not (folder / rundir.STATUS).exists():
-        return
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    for number in range(1, 1_000_000):
-        place = kept.with_name(f"{kept.name}.{number}")
-        if not place.exists():
-            folder.rename(place)
+    """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed.
+
+    What stands in the job's place and is no directory of a run, as a link, goes there too.
+
+    Raises OSError where a folder on the way is a link.
+    """
+    place = PurePath(name)
+    with contextlib.suppress(FileNotFoundError), files.folder(sweep, place.parent) as above:
+        there = stat.S_ISDIR(os.stat(place.name, dir_fd=above, follow_symlinks=False).st_mode)
+        if there and not files.has(sweep, str(place / rundir.STATUS)):
             return
+        with files.folder(sweep, ATTEMPTS / place.parent, make=True) as kept:
+            taken = set(files.names(sweep, ATTEMPTS / place.parent))
+            number = next(n for n in itertools.count(1) if f"{place.name}.{n}" not in taken)
+            os.rename(place.name, f"{place.name}.{number}", src_dir_fd=above, dst_dir_fd=kept)
 
 
-def attempts(sweep: Path, name: str) -> list[Path]:
-    """The directories of a job's earlier attempts, in their order."""
-    found = (sweep / ATTEMPTS).glob(f"{name}.*")
-    return sorted((p for p in found if p.suffix[1:].isdigit()), key=lambda p: int(p.suffix[1:]))
+def attempts(sweep: Path, name: str) -> list[str]:
+    """The names of a job's earlier attempts, as they are seen from the sweep, in their order."""
+    place = ATTEMPTS / PurePath(name)
+    found = []
+    with contextlib.suppress(OSError):
+        for entry in files.names(sweep, place.parent):
+            job, _, number = entry.rpartition(".")
+            if job == place.name and number.isdecimal():
+                found.append((int(number), str(place.parent / entry)))
+    return [entry for _, entry in sorted(found)]
+
+
+def stop(sweep: Path) -> None:
+    """Let no other job of the sweep begin."""
+    with contextlib.suppress(FileExistsError):
+        files.create(sweep, STOP, b"")
+
+
+def stopped(sweep: Path) -> bool:
+    """Whether no other job shall begin, by fail_fast or since the sweep's directory was removed."""
+    return files.has(sweep, STOP) or is_gone(sweep)
+
+
+def is_gone(sweep: Path) -> bool:
+    """Whether the directory of a sweep that has begun was removed, though another of its name may have been made."""
+    return not files.is_file(sweep, PLAN)
 
 
 @contextmanager
@@ -158,13 +206,13 @@ def locked(sweep: Path) -> Iterator[None]:
 
     Raises UserError if another process holds it.
     """
-    with open(sweep / LOCK, "a+", encoding="utf-8") as stream:
+    with files.in_place(sweep, LOCK) as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            stream.seek(0)
+            holder = printable(stream.read(200).decode(errors="replace")).strip()
             raise UserError(
-                f"{sweep}: another sweep is at work there ({stream.read().strip() or 'just begun'}); "
+                f"{sweep}: another sweep is at work there ({holder or 'just begun'}); "
                 "wait for it, or give this one another sweep.dir"
             ) from error
         except OSError as error:
@@ -172,8 +220,7 @@ def locked(sweep: Path) -> Iterator[None]:
                 f"{sweep}: cannot be locked ({error.strerror}); set output or sweep.dir to another file system"
             ) from error
         stream.truncate(0)
-        stream.write(f"process {os.getpid()} on {platform.node()}")
-        stream.flush()
+        stream.write(f"process {os.getpid()} on {platform.node()}".encode())
         yield
         stream.truncate(0)
 
@@ -205,7 +252,7 @@ def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning
 def write_plan(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
     """Write the words that were typed and the jobs that they make."""
     plan: dict[str, Any] = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(j) for j in jobs]}
-    write_text(sweep / PLAN, json.dumps(plan | ({"tuning": tuning} if tuning else {}), indent=1) + "\n")
+    files.write_text(sweep, PLAN, json.dumps(plan | ({"tuning": tuning} if tuning else {}), indent=1) + "\n")
 
 
 def plan_of(sweep: Path) -> dict[str, Any]:
@@ -213,8 +260,8 @@ def plan_of(sweep: Path) -> dict[str, Any]:
 
     Raises UserError for a directory that has none.
     """
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        plan = json.loads((sweep / PLAN).read_text())
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        plan = json.loads(files.read(sweep, PLAN, _PLAN_BYTES))
         words, folder, jobs = plan["arguments"], plan["folder"], plan["jobs"]
         if all(isinstance(word, str) for word in [*words, folder, *(job["name"] for job in jobs)]):
             return dict(plan)

@@ -52,6 +52,8 @@ class Sweep:
             self._run_what_is_left(work, planned)
         except KeyboardInterrupt:
             interrupted = True
+        if state.is_gone(self.directory):
+            return complain(f"{self.directory}: was removed while the sweep wrote to it", FAILED)
         outcomes = work.outcomes(planned)
         code = INTERRUPTED if interrupted else exit_code(split.whole(job, outcomes) for job in planned)
         try:

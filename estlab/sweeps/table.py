@@ -10,9 +10,9 @@ from typing import BinaryIO
 import numpy as np
 
 from estlab import rundir
-from estlab.datasets.whole import write_whole
 from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import Moments
+from estlab.rundir import files
 from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
 
@@ -26,10 +26,10 @@ VERDICT = "verdict"  # a metric whose component is its value, a word
 def write_all(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int) -> None:
     """Write sweep.csv, failures.csv and, with repeats, groups.csv."""
     rows = job_rows(planned, outcomes)
-    _write(sweep / SWEEP, rows)
-    _write(sweep / FAILURES, failure_rows(sweep, planned, outcomes), ("job", "attempt", "status", "error", "directory"))
+    _write(sweep, SWEEP, rows)
+    _write(sweep, FAILURES, failure_rows(sweep, planned, outcomes), ("job", "attempt", "status", "error", "directory"))
     if repeats > 1:
-        _write(sweep / GROUPS, group_rows(rows, planned))
+        _write(sweep, GROUPS, group_rows(rows, planned))
 
 
 def draw_all(
@@ -41,7 +41,7 @@ def draw_all(
     shown = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweeps.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep / rundir.PLOTS))
+    return sweeps.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:
@@ -122,11 +122,10 @@ def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str,
     rows = []
     for job in split.units(planned):
         earlier = state.attempts(sweep, job.name)
-        tries = [(state.outcome(folder, job.fingerprint), folder) for folder in earlier]
-        for number, (found, folder) in enumerate([*tries, (outcomes[job.name], sweep / job.name)], 1):
-            if found.state in ("failed", "damaged") or (found.state != "ok" and folder in earlier):
+        tries = [(state.outcome(sweep, place, job.fingerprint), place) for place in earlier]
+        for number, (found, place) in enumerate([*tries, (outcomes[job.name], job.name)], 1):
+            if found.state in ("failed", "damaged") or (found.state != "ok" and place in earlier):
                 error = found.error or "ended before it had a result"
-                place = str(folder.relative_to(sweep))
                 rows.append(
                     {"job": job.name, "attempt": str(number), "status": found.state, "error": error, "directory": place}
                 )
@@ -138,14 +137,13 @@ def units(outcomes: Mapping[str, Outcome]) -> dict[str, str]:
     return {f"{r['metric']}.{r['component']}": r["unit"] or "" for found in outcomes.values() for r in found.rows}
 
 
-def _write(path: Path, rows: Sequence[Row], columns: Sequence[str] = ()) -> None:
+def _write(sweep: Path, name: str, rows: Sequence[Row], columns: Sequence[str] = ()) -> None:
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, list(rows[0]) if rows else list(columns), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_whole(path, lambda stream: stream.write(text.getvalue().encode()))
+    files.write_text(sweep, name, text.getvalue())
 
 
-def _save(plots: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
-    plots.mkdir(exist_ok=True)
-    return write_whole(plots / name, write)
+def _save(sweep: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
+    return files.write(sweep, f"{rundir.PLOTS}/{name}", write)

@@ -7,7 +7,6 @@ import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -15,10 +14,10 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab import rundir
-from estlab.datasets.whole import write_whole
 from estlab.metrics.objective import Objective
 from estlab.path_arguments import as_typed
 from estlab.report.console import console
+from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
 
@@ -64,18 +63,24 @@ def write(sweep: Path, trials: Sequence[Trial]) -> None:
         values = [trial.job.values[key] for key in keys]
         numbers = ["" if one is None else repr(one) for one in (trial.objective, best if best < math.inf else None)]
         writer.writerow([trial.job.number, trial.job.name, *values, *numbers, trial.state, trial.error])
-    write_whole(sweep / TUNING, lambda stream: stream.write(text.getvalue().encode()))
+    files.write_text(sweep, TUNING, text.getvalue())
 
 
-def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> None:
-    """Draw plots/tuning.png from tuning.csv."""
+def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str]:
+    """Draw plots/tuning.png from tuning.csv; what could not be drawn."""
     from estlab.report import tuning
+    from estlab.report.figures import png
 
     if not ranked(trials):
-        return
-    figure = tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words)
-    (sweep / rundir.PLOTS).mkdir(exist_ok=True)
-    write_whole(sweep / rundir.PLOTS / "tuning.png", partial(figure.savefig, format="png", dpi=110))
+        return []
+    try:
+        content = png(tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words))
+    except Warning:
+        raise
+    except Exception as error:
+        return [f"missing: tuning.png ({type(error).__name__}: {error})"]
+    files.write(sweep, f"{rundir.PLOTS}/tuning.png", lambda stream: stream.write(content))
+    return []
 
 
 def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[str]:

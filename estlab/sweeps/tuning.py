@@ -143,6 +143,8 @@ class Tuning:
                 study.tell(one, trial.objective)
 
     def _conclude(self, work: Work, interrupted: bool) -> int:
+        if state.is_gone(self.directory):
+            return complain(f"{self.directory}: was removed while the sweep wrote to it", FAILED)
         planned = [trial.job for trial in self.trials]
         outcomes = work.outcomes(planned)
         counted = [trial.state == "ok" for trial in self.trials]
@@ -154,7 +156,7 @@ class Tuning:
             table.write_all(self.directory, planned, outcomes, repeats=1)
             trials.write(self.directory, self.trials)
             if self.config.plots:
-                trials.draw(self.directory, self.trials, self.objective)
+                notes += trials.draw(self.directory, self.trials, self.objective)
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from estlab.errors import UserError
 from estlab.groups import Sweep
 from estlab.launch import FAILED
+from estlab.rundir import files
 from estlab.sweeps import split, state
 from estlab.sweeps.rounds import Rounds
 from estlab.sweeps.state import Outcome, Planned
@@ -34,7 +35,7 @@ class Work:
         Raises UserError if a worker of an earlier sweep is still at one.
         """
         for unit in units:
-            if process := state.at_work(self.sweep / unit.name):
+            if process := state.at_work(self.sweep, unit.name):
                 raise UserError(
                     f"{self.sweep / unit.name}: process {process}, of an earlier sweep, is still at work on it; "
                     "wait for it or end it, then resume"
@@ -53,16 +54,16 @@ class Work:
     @property
     def stopped(self) -> bool:
         """Whether a job failed, and no other shall begin (sweep.fail_fast)."""
-        return (self.sweep / state.STOP).exists()
+        return state.stopped(self.sweep)
 
     @contextmanager
     def unstopped(self) -> Iterator[None]:
         """Nothing is stopped at the beginning of the body, nor after it."""
-        (self.sweep / state.STOP).unlink(missing_ok=True)
+        files.remove(self.sweep, state.STOP)
         try:
             yield
         finally:
-            (self.sweep / state.STOP).unlink(missing_ok=True)
+            files.remove(self.sweep, state.STOP)
 
 
 @contextmanager
@@ -75,6 +76,10 @@ def opened(sweep: Path) -> Iterator[None]:
         sweep.mkdir(parents=True, exist_ok=True)
         with state.locked(sweep):
             yield
+    except files.RefusedError as error:
+        raise UserError(
+            f"{error.filename}: {error.strerror}; remove it, or give this sweep another sweep.dir"
+        ) from error
     except OSError as error:
         raise UserError(
             f"{error.filename or sweep}: {error.strerror}; make room or set output to another disk"

@@ -55,7 +55,7 @@ class DaskLauncher(Launcher):
                                  "distributed.scheduler.worker-saturation": 1.0,
                                  "distributed.nanny.pre-spawn-environ": _WORKERS}),
                 LocalCluster(n_workers=self.workers, threads_per_worker=1, host="127.0.0.1",
-                             dashboard_address=None, silence_logs="CRITICAL") as cluster,
+                             dashboard_address=":0", silence_logs="CRITICAL") as cluster,
                 Client(cluster) as client,
             ):  # fmt: skip
                 yield client

@@ -239,10 +239,10 @@ def _text(content: str | bytes):
 
 PYTHON = "!!python/object/apply:os.system ['touch ran']"
 HOSTILE = {
-    "a link that leads out": ("metrics.csv", _link, "leads out of the run directory"),
+    "a link that leads out": ("metrics.csv", _link, "is a link, which is not followed"),
     "a link to itself": ("metrics.csv", lambda f: (f.unlink(), f.symlink_to(f.name)), ""),
-    "a pipe": ("metrics.csv", _pipe, "is not a file"),
-    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is not a file"),
+    "a pipe": ("metrics.csv", _pipe, "is no regular file"),
+    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is no regular file"),
     "no file": ("config.yaml", Path.unlink, "is not there"),
     "no text": (
         "metrics.csv",

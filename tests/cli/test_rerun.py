@@ -135,7 +135,7 @@ def test_a_plugin_that_is_typed_is_trusted(capsys, monkeypatch):
         ("estlabx.Evil", "is refused"),
         ("estlab.launch.complain", "does not make a Scenario"),
         ("estlab.launch.os.system", "there is no"),
-        ("estlab.rundir.Path", "does not make a Scenario"),
+        ("estlab.rundir.files.Path", "does not make a Scenario"),
         ("estlab.filters.gaussian.extended", "does not make a Scenario"),
     ],
 )
@@ -176,7 +176,7 @@ def test_a_strangers_output_is_not_written_to_and_his_file_not_followed(capsys):
     Path("runs/day/run/overrides.yaml").unlink()
     Path("runs/day/run/overrides.yaml").symlink_to(Path("secret").resolve())
     assert main(["rerun", "runs/day/run"]) == 2
-    assert "leads out of the run directory" in capsys.readouterr().err
+    assert "overrides.yaml: is a link, which is not followed" in capsys.readouterr().err
     assert len(list(Path("runs").rglob("status.json"))) == 2
 
 

@@ -1,6 +1,7 @@
 """Sweeps that are killed, spoilt, held or out of time: nothing is lost, nothing counted twice, each is told."""
 
 import contextlib
+import errno
 import json
 import os
 import shutil
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from estlab import rundir
 from estlab.cli import main
-from estlab.sweeps import child, state
+from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
@@ -217,10 +219,14 @@ def test_a_job_whose_process_says_nothing_failed(monkeypatch):
     assert failure["error"].startswith("its process ended with exit code")
 
 
-def test_a_directory_that_cannot_be_made_fails_its_job_alone():
-    assert sweep("filter=ekf", "seed=1,2,3") == 0
-    shutil.rmtree("swept/1_landmark_ekf")
-    Path("swept/1_landmark_ekf").write_text("in the way")
-    assert sweep("filter=ekf", "seed=1,2,3") == 3
+def test_a_directory_that_cannot_be_made_fails_its_job_alone(monkeypatch):
+    def claim(path: Path, *more: object, **facts: object) -> rundir.RunDirectory:
+        if path.name == "1_landmark_ekf":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return rundir.RunDirectory(path, *more, **facts)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(job, "RunDirectory", claim)
+        assert sweep("filter=ekf", "seed=1,2,3") == 3
     assert [row["status"] for row in table()] == ["ok", "failed", "ok"]
     assert "1_landmark_ekf" in rows("swept/failures.csv")[0]["error"]

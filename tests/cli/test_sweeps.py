@@ -249,7 +249,7 @@ def test_a_table_that_does_not_fit_on_the_disk_is_told_and_comes_with_the_next_t
         raise OSError(28, "No space left on device", "swept/sweep.csv")
 
     with monkeypatch.context() as patch:
-        patch.setattr(tables, "write_whole", full)
+        patch.setattr(tables, "_write", full)
         assert sweep("filter=ekf", "seed=1,2") == 1
     assert "swept/sweep.csv: No space left on device; make room and resume" in capsys.readouterr().out
     assert main(["sweep", "--resume", "swept"]) == 0

@@ -115,7 +115,8 @@ def test_a_target_outside_the_allowed_packages_is_refused_before_import(target, 
 
 
 @pytest.mark.parametrize(
-    "target", ["estlab.rundir.RunDirectory", "estlab.cli.main", "estlab.rundir.subprocess", "estlab.cli.nothing"]
+    "target",
+    ["estlab.rundir.RunDirectory", "estlab.cli.main", "estlab.rundir.provenance.subprocess", "estlab.cli.nothing"],
 )
 def test_a_target_of_another_kind_is_not_called(target):
     config = composed()

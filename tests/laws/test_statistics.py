@@ -61,11 +61,18 @@ def test_moments_added_in_any_blocks_are_those_of_all_at_once(sizes, seed):
 
 def test_a_histogram_counts_every_run_once_and_nan_never():
     histogram = Histogram((2,))
-    histogram.add(np.array([[0.0, 1.0, 1.05, 1e30], [np.nan, 10.0, 10.0, np.inf]]))
-    assert histogram.counts.sum(axis=1).tolist() == [4, 3]
+    histogram.add(np.array([[0.0, 1.0, 1.05, 1e30, 1e-13], [np.nan, 10.0, 10.0, np.inf, 9e11]]))
+    assert histogram.counts.sum(axis=1).tolist() == [5, 4]
     edges = histogram.edges()
-    (at,) = np.flatnonzero(histogram.counts[1, 1:-1])
-    assert edges[at + 1] <= 10.0 < edges[at + 2]
+    assert edges.size == histogram.counts.shape[1] + 1
+    # What lies beyond the bins is in bins of its own, which say so by their edges.
+    assert edges[[0, -1]].tolist() == [0.0, np.inf]
+    assert edges[[1, -2]] == pytest.approx([1e-12, 1e12])
+    assert histogram.counts[:, 0].tolist() == [2, 0]
+    assert histogram.counts[:, -1].tolist() == [1, 1]
+    at, last = np.flatnonzero(histogram.counts[1, 1:-1]) + 1
+    assert edges[at] <= 10.0 < edges[at + 1]
+    assert edges[last + 1] == edges[-2]
 
 
 @pytest.mark.parametrize("size", [1, 5])

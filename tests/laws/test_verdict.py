@@ -1,5 +1,6 @@
 """What the tests and the verdict say, and that they do not contradict themselves."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,24 @@ from benchmarks.calibration import MOTION, SENSOR, STATE, Fault, ensembles, filt
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
-from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, consistency_tests
+from estlab.metrics import rows as tables
+from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WHITENESS, consistency_tests
 from estlab.metrics.laws import nis_mean
 from estlab.metrics.tally import Tally
-from estlab.metrics.verdict import BIASED, CONSISTENT, CORRELATED, OVERCONFIDENT, UNDECIDED, Tolerance, judge
+from estlab.metrics.verdict import (
+    BIASED,
+    CONSISTENT,
+    CORRELATED,
+    LOST,
+    OVERCONFIDENT,
+    STARVED,
+    UNDECIDED,
+    Tolerance,
+    judge,
+)
 from estlab.record import Estimates, Record
+from estlab.report import terminal
+from estlab.report.findings import Findings
 
 TOLERANCE = Tolerance(0.05, 0.01)
 
@@ -41,6 +55,145 @@ def answers(tally: Tally) -> dict:
 
 def verdict(tally: Tally, key: str = ""):
     return judge(tally, consistency_tests(tally), TOLERANCE, key)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_sentence_contradicts_an_interval_beside_it(seed, monkeypatch):
+    random = np.random.default_rng(seed)
+    tally = any_tally(random)
+    tests, tolerance = consistency_tests(tally), Tolerance(float(random.choice([0.0, 0.05])), 0.01)
+    said = judge(tally, tests, tolerance, "filter.particles" if tally.sampled else "")
+    rows = {(row.metric, row.component): row for row in tables.metric_rows(tally, tests, said)}
+    rejected = {test.name for test in tests if test.rejected}
+    for row in tables.test_rows(tests):
+        off = row["expected"] < row["ci_low"] or row["expected"] > row["ci_high"]
+        assert (row["outcome"] == "rejected") == off == (row["p"] < row["level"]) == (row["p_holm"] < 0.05)
+        assert np.isnan(row["p"]) == np.isnan(row["ci_low"]) == row["outcome"].startswith("not available: ")
+    # The table of figures has the same numbers, and of each component an interval that says no more than the test.
+    by = {test.name: test for test in tests}
+    assert rows["anees", "all"].value == pytest.approx(by[NEES].found.value, nan_ok=True)
+    assert ("anis", "all") not in rows or rows["anis", "all"].value == pytest.approx(by[NIS].found.value)
+    judged = {"anees": (NEES, 1.0), "anis": (NIS, 1.0), "normalised_bias": (BIAS, 0.0)}
+    judged["innovation_correlation"] = (WHITENESS, 0.0)
+    if not tally.repeated:
+        for metric, (name, expected) in judged.items():
+            mine = [row for row in rows.values() if row.metric == metric and np.isfinite(by[name].p)]
+            off = [row for row in mine if row.ci_low > expected or row.ci_high < expected]
+            assert bool(off) == (name in rejected and np.isfinite([row.ci_low for row in mine]).any()), metric
+    # What the terminal prints, rounded as it is, lies on the same side of what should be.
+    monkeypatch.setenv("COLUMNS", "200")
+    table = terminal._tests(Findings(list(rows.values()), tests, said))
+    cells = [list(column.cells) for column in table.columns]
+    for test, interval, mark in zip(tests, cells[2], cells[4], strict=True):
+        ends = [float(end) for end in interval.split(" to ")] if interval else []
+        assert bool(ends) == np.isfinite(test.p)
+        assert not ends or (test.expected < ends[0] or test.expected > ends[1]) == test.rejected == mark.endswith("✗")
+    # And so does the sentence.
+    assert re.match(r"[a-z ,]+: \S", said.sentence)
+    told = re.findall(
+        r"(?:(NEES|NIS) / \w+ =|(off by|correlated|within 3 sigma)) (\S+) \[(\S+), (\S+)\]", said.sentence
+    )
+    for metric, how, _, low, high in told:
+        expected = 1.0 if metric else LEAST_INSIDE if how == "within 3 sigma" else 0.0
+        off = not float(low) <= expected <= float(high)
+        if not (metric == "NEES" and np.isnan(by[NEES].p)):
+            assert off == (
+                {"NEES": NEES, "NIS": NIS, "off by": BIAS, "correlated": WHITENESS}.get(metric or how, INSIDE)
+                in rejected
+            )
+        assert said.word == CONSISTENT or off or metric == "NEES"
+    if "no bias" in said.sentence or "white innovations" in said.sentence:
+        assert said.word == CONSISTENT
+        assert "no bias" not in said.sentence or BIAS not in rejected
+        assert "white" not in said.sentence or WHITENESS not in rejected
+    slight = said.word == CONSISTENT and bool(rejected)
+    assert ("too slight to matter" in said.sentence) == slight
+    assert said.word != UNDECIDED or not np.isfinite([test.p for test in tests]).any()
+
+
+def any_tally(random: np.random.Generator) -> Tally:
+    """Of runs few or many, faulty or not, of a sample or none, behind a gate or not, of one recording or several."""
+    fault = Fault(*random.choice([1.0, 1.0, 0.8, 0.3, 3.0], 2), *random.choice([0.0, 0.0, 0.15, 0.6], 2))
+    runs, steps = int(random.choice([1, 2, 3, 5, 6, 9, 20, 60])), int(random.choice([1, 12, 30, 80]))
+    record = records(
+        fault, runs, steps, int(random.integers(10_000)), float(random.choice([0.0, 0.3, 1.0], p=[0.5, 0.4, 0.1]))
+    )
+    gate = random.choice([None, 0.95])
+    found = Loop(extended("additive", gate), MOTION, SENSOR).estimate(record, Streams(1, "none").draws("none", ()))
+    if random.random() < 0.3:
+        size = random.choice([4.0, 12.0, 80.0, 300.0]) * random.uniform(0.9, 2.0, (steps, runs))
+        found = replace(found, sample=np.stack([size, 1.0 - 1.0 / size]), cov=found.cov * random.choice([1.0, 0.02]))
+    if random.random() < 0.1:
+        found = replace(found, whitened=np.full_like(found.whitened, np.nan))
+    return told(record, found, repeated=bool(random.random() < 0.1))
+
+
+def test_a_nees_as_large_as_what_is_said_to_be_seen_is_seen():
+    seen = 0
+    for seed in range(40):
+        record = records(Fault(), 6, 30, seed)
+        found = filtered(record)
+        said = verdict(told(record, found)).sentence
+        if match := re.search(r"; (\d+) runs would show a NEES / n beyond (\S+) or below (\S+)$", said):
+            seen += 1
+            assert match[1] == "6"
+            mean = answers(told(record, found))[NEES].found.value
+            for wanted, rejected in ((float(match[2]), True), (float(match[3]), True), (float(match[2]) * 0.9, False)):
+                scaled = told(record, replace(found, cov=found.cov * mean / wanted))
+                assert answers(scaled)[NEES].rejected == rejected
+    assert seen > 10
+
+
+def test_few_runs_say_what_more_would_show_and_nothing_ends_in_a_colon():
+    for runs, repeated in ((1, False), (3, False), (1, True), (20, True)):
+        record = records(Fault(), runs, 40, 1)
+        nothing = np.full((1, 40, runs), np.nan)
+        said = verdict(told(record, filtered(record), nothing, repeated))
+        assert said.word == UNDECIDED
+        assert "there are no innovations; 5 " in said.sentence
+        assert float(re.search("beyond (\\S+)", said.sentence)[1]) > 2.0
+    unknown = replace(record, truth=np.full_like(record.truth, np.nan))
+    said = verdict(told(unknown, filtered(record), nothing))
+    assert said.sentence == "undecided: there is no truth to hold it to and there are no innovations"
+
+
+def test_a_cloud_that_lost_its_states_is_starved_and_a_small_one_whose_errors_leave_it_overconfident():
+    record = records(Fault(), 30, 60, 1)
+    found = filtered(record)
+
+    def of(sizes, factor: float) -> Tally:
+        size = np.broadcast_to(np.asarray(sizes)[:, None], (60, 30)).copy()
+        sample = np.stack([size, 1.0 - 1.0 / size])
+        return told(record, replace(found, sample=sample, cov=found.cov * factor))
+
+    collapsed = np.where(np.arange(60) == 3, 9.0, 700.0)
+    starved = verdict(of(collapsed, 0.1), "filter.particles")
+    assert (starved.word, starved.key) == (STARVED, "filter.particles")
+    assert "fell to 9.00 effective particles" in starved.sentence
+    # As large throughout, it is the filter that is wrong; and one that has come through is not starved.
+    assert verdict(of(np.full(60, 700.0), 0.1), "filter.particles")[0:3:2] == (OVERCONFIDENT, "")
+    assert verdict(of(collapsed, 1.0), "filter.particles").word == CONSISTENT
+    small = verdict(of(np.full(60, 9.0), 0.1), "filter.particles")
+    assert (small.word, small.key) == (OVERCONFIDENT, "filter.particles")
+    assert small.sentence.startswith("overconfident: ")
+    assert "within 3 sigma" in small.sentence
+    assert verdict(of(np.full(60, 9.0), 1.0), "filter.particles").word == STARVED
+
+
+@pytest.mark.parametrize("runs", [1, 30])
+def test_nothing_is_advised_where_nothing_is_known(runs):
+    record = records(Fault(process=30.0, measurement=30.0), runs, 80, 1)
+    found = filtered(record)
+    lost = told(record, found)
+    lost.diverged["lost"] = runs
+    assert verdict(lost).word == LOST
+    assert verdict(lost).sentence.endswith(" runs diverged (" + f"{runs} too far off to the end)")
+    without = told(record, found, np.full((1, 80, runs), np.nan))
+    # One recording with innovations too small and correlated, as on real ones: its errors are unknown.
+    coloured = told(record, replace(found, cov=found.cov * 100.0), 0.3 * innovations(runs, 80, 1, 0.5))
+    for tally in (lost, without, coloured):
+        assert verdict(tally).key == ""
+        assert "noise." not in verdict(tally).sentence
 
 
 @pytest.mark.parametrize(("runs", "steps"), [(40, 60), (1, 200)])
@@ -93,8 +246,9 @@ def test_more_particles_are_advised_where_they_are_too_few_and_not_where_runs_ar
         return told(replace(record, truth=record.truth[..., part], readings=readings), mine)
 
     small = verdict(sampled(20.0, 30), "filter.particles")
-    assert (small.word, small.key) == (UNDECIDED, "filter.particles")
-    assert "too small at 100% of the steps" in small.sentence
+    assert (small.word, small.key) == (STARVED, "filter.particles")
+    assert small.sentence.startswith("starved: the cloud fell to 20.0 effective particles in the mean over runs, NEES")
+    assert small.sentence.endswith("; raise filter.particles")
     alone = verdict(sampled(800.0, 1), "filter.particles")
     assert (alone.word, alone.key) == (CONSISTENT, "")
     assert answers(sampled(800.0, 1))[NEES].of == "expected"

@@ -5,21 +5,23 @@ import pytest
 from scipy import stats
 
 from benchmarks.calibration import FAULTS, Fault, comparisons, ensembles, rejections, sampled_ensembles, verdicts
-from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, consistency_tests, ljung_box
+from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, consistency_tests, single_correlations
 from estlab.metrics.credibility import credibility
 from estlab.metrics.intervals import (
     chi_square_test,
-    hotelling_test,
+    holm,
+    judged_at,
     mean_interval,
     positive_interval,
     positive_test,
     share_interval,
     t_test,
     time_share_interval,
+    time_share_test,
 )
 from estlab.metrics.laws import nees_law, within
 from estlab.metrics.moments import Moments
-from estlab.metrics.verdict import BIASED, MEASUREMENT, OVERCONFIDENT, PROCESS, Tolerance, judge
+from estlab.metrics.verdict import BIASED, CONSERVATIVE, MEASUREMENT, OVERCONFIDENT, PROCESS, Tolerance, judge
 
 # Of 400 replications at 5 %, a share of 2.5 to 8 % is passed with probability 0.99.
 FEWEST, MOST = 0.025, 0.08
@@ -49,15 +51,25 @@ def test_the_nees_of_samples_follows_the_f_law(size, weighted):
     ("name", "test", "word", "key"),
     [
         ("Q halved", NEES, OVERCONFIDENT, PROCESS),
-        ("R doubled", NIS, "conservative", MEASUREMENT),
-        ("bias of half a sigma", BIAS, BIASED, "scenario"),
-        ("correlated noise (0.5)", WHITENESS, OVERCONFIDENT, MEASUREMENT),
+        ("Q doubled", NEES, CONSERVATIVE, PROCESS),
+        ("R halved", NIS, OVERCONFIDENT, MEASUREMENT),
+        ("R doubled", NIS, CONSERVATIVE, MEASUREMENT),
+        ("bias of half a sigma", BIAS, BIASED, ""),
+        ("correlated noise (0.5)", WHITENESS, OVERCONFIDENT, ""),
     ],
 )
-def test_a_planted_fault_is_found_and_named_with_its_key(name, test, word, key):
+def test_a_planted_fault_is_found_and_its_key_is_named_where_it_has_one(name, test, word, key):
     assert rejections(ensembles(FAULTS[name], 30, 100, 100))[test].mean() >= 0.9
     said = verdicts(ensembles(FAULTS[name], 30, 100, 100))
-    assert said.get(f"{word} {key}", 0.0) >= 0.8, said
+    # Twice too much process noise hardly shows in the innovations: now and then nothing is said.
+    assert said.get(f"{word} {key}".strip(), 0.0) >= (0.5 if name == "Q doubled" else 0.8), said
+    assert not [one for one in said if "noise" in one and not one.endswith(key or "none")], said
+
+
+def test_readings_whose_errors_are_correlated_are_not_said_to_be_better_than_they_are_taken_for():
+    for measurement in (0.5, 0.2, 0.05):
+        said = verdicts(ensembles(Fault(measurement=measurement, correlation=0.5), 20, 100, 100))
+        assert not [one for one in said if "noise" in one], said
 
 
 def test_a_difference_between_equal_filters_is_real_in_a_twentieth_of_the_cases():
@@ -85,25 +97,41 @@ def test_the_inclination_of_a_covariance_of_half_the_size_is_three_decibels():
         assert index.value >= abs(inclination.value) - 1e-12
 
 
-def test_hotelling_in_one_dimension_is_students_test_and_both_are_scipys():
+def test_students_test_and_interval_are_scipys():
     values = np.random.default_rng(3).standard_normal((2, 12)) + 0.4
     one = Moments.of(values[:1])
-    assert hotelling_test(one) == pytest.approx(t_test(one, 0.0), rel=1e-10)
     assert t_test(one, 0.1) == pytest.approx(stats.ttest_1samp(values[0], 0.1).pvalue, rel=1e-10)
     low, high = stats.t.interval(0.95, 11, values[0].mean(), stats.sem(values[0]))
     assert mean_interval(one)[1:3] == pytest.approx((low, high), rel=1e-10)
-    # Two dimensions, from the definition.
-    mean, cov = values.mean(axis=1), np.cov(values)
-    square = 12 * mean @ np.linalg.inv(cov) @ mean
-    assert hotelling_test(Moments.of(values)) == pytest.approx(stats.f(2, 10).sf(square * 10 / 22), rel=1e-10)
+    low, high = stats.t.interval(0.99, 11, values[0].mean(), stats.sem(values[0]))
+    assert mean_interval(one, 0.01)[1:3] == pytest.approx((low, high), rel=1e-10)
 
 
-def test_a_test_rejects_just_where_its_interval_leaves_out_what_should_be():
+@pytest.mark.parametrize("level", [0.05, 0.0125, 0.002])
+def test_a_test_rejects_just_where_its_interval_leaves_out_what_should_be(level):
     random = np.random.default_rng(4)
-    for _ in range(200):
+    rejected = []
+    for _ in range(150):
         moments = Moments.of(random.gamma(2.0, 0.5, (1, 15)) * 1.3)
-        found = positive_interval(moments)
-        assert (positive_test(moments, 1.0) < 0.05) == (not found.low <= 1.0 <= found.high)
+        found = positive_interval(moments, level)
+        assert (positive_test(moments, 1.0) < level) == (not found.low <= 1.0 <= found.high)
+        shares = Moments.of(random.beta(2.0, 0.6, (1, 12)))
+        found = time_share_interval(shares, level)
+        assert (time_share_test(shares, 0.85) < level) == (not found.low <= 0.85 <= found.high)
+        rejected.append(time_share_test(shares, 0.85) < level)
+    assert level < 0.01 or 0 < sum(rejected) < 150
+    same = Moments.of(np.full((1, 30), 0.7))
+    found = time_share_interval(same, level)
+    assert (time_share_test(same, 0.889) < level) == (found.high < 0.889)
+
+
+def test_holm_judges_each_p_value_at_a_level_that_rejects_just_those_that_he_rejects():
+    random = np.random.default_rng(5)
+    for _ in range(300):
+        p = random.uniform(0.0, 0.06, 5) ** random.choice([0.5, 1.0, 2.0])
+        p[random.random(5) < 0.2] = np.nan
+        np.testing.assert_array_equal(p < judged_at(p), holm(p) < 0.05)
+    np.testing.assert_allclose(judged_at(np.array([0.2, 0.01, np.nan, 0.03])), [0.025, 0.05 / 3, np.nan, 0.025])
 
 
 @pytest.mark.parametrize("runs", [3, 5, 10])
@@ -118,14 +146,15 @@ def test_intervals_of_shares_of_time_hold_for_few_runs(runs):
         assert np.mean([not f.low <= within(sigmas) <= f.high for f in found]) <= 0.09
 
 
-def test_ljung_box_is_its_formula():
-    u = np.random.default_rng(5).standard_normal((2, 80))
-    statistic = 0.0
-    for series in u:
-        for lag in range(1, 6):
-            r = np.dot(series[lag:], series[:-lag]) / np.dot(series, series)
-            statistic += 80 * 82 * r**2 / (80 - lag)
-    assert ljung_box(u, 5)[1] == pytest.approx(stats.chi2(10).sf(statistic), rel=1e-10)
+def test_correlations_of_one_run_deviate_as_their_law_says():
+    u = np.random.default_rng(5).standard_normal((4000, 2, 40))
+    found = [single_correlations(one, 6) for one in u]
+    each = np.array([values for values, _ in found])
+    np.testing.assert_allclose((each**2).mean(axis=0), found[0][1] ** 2, rtol=0.1)
+    # Of one component it is what Ljung and Box take for the variance.
+    np.testing.assert_allclose(single_correlations(u[0, :1], 3)[1] ** 2 * 40 * 42, [39.0, 38.0, 37.0])
+    lagged = (u[0, :, 2:] * u[0, :, :-2]).sum() / (u[0] ** 2).sum()
+    assert found[0][0][1] == pytest.approx(lagged, rel=1e-12)
 
 
 def test_the_chi_square_test_is_two_sided():

@@ -1,0 +1,84 @@
+"""What is computed once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import BinaryIO, TypeVar
+
+import numpy as np
+
+from estlab.errors import IncompleteError, printable
+from estlab.rundir import RunDirectory
+
+Made = TypeVar("Made")
+
+# What is made of runs that diverge is NaN or infinite, and they are counted: no arithmetic is worth a warning here.
+_quietly = partial(np.errstate, invalid="ignore", over="ignore", divide="ignore")
+_SAID = 200  # characters of a reason
+
+log = logging.getLogger("estlab")
+
+
+class Attempts:
+    """The one place that draws, bounds, tests and writes for a run.
+
+    missing: why each thing is missing that could not be made. Its traceback is in log.txt.
+    """
+
+    def __init__(self, directory: RunDirectory) -> None:
+        self._directory = directory
+        self._needed: list[str] = []
+        self.missing: dict[str, str] = {}
+
+    def made(self, what: str, make: Callable[[], Made], needed: bool = False) -> Made | None:
+        """What ``make`` gives; None where it raises. needed: whether a run without it is incomplete."""
+        try:
+            with _quietly():
+                return make()
+        except Warning:
+            raise  # whoever turns warnings into errors wants to see them
+        except (Exception, SystemExit) as error:
+            self._miss(what, error, needed)
+            return None
+
+    def write(self, name: str, write: Callable[[BinaryIO], object], needed: bool = False) -> None:
+        """Write a file of the run directory. Raises OSError: a disk that fails, fails for every file."""
+        self.show(name, partial(self._directory.write, name, write), needed)
+
+    def show(self, what: str, show: Callable[[], object], needed: bool = False) -> None:
+        """Print or write something. Raises OSError, which says of the terminal or disk that it is gone."""
+        try:
+            with _quietly():
+                show()
+        except (Warning, OSError):
+            raise
+        except (Exception, SystemExit) as error:
+            self._miss(what, error, needed)
+
+    def remarks(self) -> list[str]:
+        """A line for each reason, with all that is missing for it."""
+        reasons: dict[str, list[str]] = {}
+        for what, why in self.missing.items():
+            reasons.setdefault(why, []).append(what)
+        return [f"missing: {', '.join(what)} ({why}); the traceback is in log.txt" for why, what in reasons.items()]
+
+    def complete(self) -> None:
+        """Raise IncompleteError if something is missing that a run needs."""
+        if self._needed:
+            what = self._needed[0]
+            more = f" and {len(self._needed) - 1} more" if len(self._needed) > 1 else ""
+            raise IncompleteError(
+                f"the run is incomplete, {what}{more} is missing ({self.missing[what]}); all else is kept in "
+                f"{self._directory.path}, the traceback is in its log.txt"
+            )
+
+    def _miss(self, what: str, error: BaseException, needed: bool) -> None:
+        self.missing[what] = _reason(error)
+        self._needed += [what] if needed else []
+        log.warning("missing: %s (%s)", what, self.missing[what], exc_info=error)
+
+
+def _reason(error: BaseException) -> str:
+    said = printable(" ".join(str(error).split()))
+    said = said if len(said) <= _SAID else f"{said[:_SAID]} …"
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__

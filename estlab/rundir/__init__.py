@@ -1,0 +1,56 @@
+"""The run directory's contract: its files, how they are read and written, its status and its provenance."""
+
+from estlab.rundir.directory import RunDirectory, link_latest
+from estlab.rundir.layout import (
+    COMPARISON,
+    CONFIG,
+    COVERAGE,
+    ERRORS,
+    ESTIMATES,
+    EXPECTATIONS,
+    HISTOGRAMS,
+    LOG,
+    METRICS,
+    NEES,
+    NIS,
+    NOTES,
+    OVERRIDES,
+    PART,
+    PLOTS,
+    RUN,
+    RUNS,
+    STATUS,
+    TESTS,
+    VERDICTS,
+)
+from estlab.rundir.provenance import hashes
+from estlab.rundir.status import State, at_work, end
+
+__all__ = [
+    "COMPARISON",
+    "CONFIG",
+    "COVERAGE",
+    "ERRORS",
+    "ESTIMATES",
+    "EXPECTATIONS",
+    "HISTOGRAMS",
+    "LOG",
+    "METRICS",
+    "NEES",
+    "NIS",
+    "NOTES",
+    "OVERRIDES",
+    "PART",
+    "PLOTS",
+    "RUN",
+    "RUNS",
+    "STATUS",
+    "TESTS",
+    "VERDICTS",
+    "RunDirectory",
+    "State",
+    "at_work",
+    "end",
+    "hashes",
+    "link_latest",
+]

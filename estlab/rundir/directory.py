@@ -1,0 +1,147 @@
+"""A directory that one run has to itself: claimed, written, finished."""
+
+import contextlib
+import errno
+import io
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from estlab.errors import UserError
+from estlab.rundir import files, provenance, status
+from estlab.rundir.layout import LOG, RUN, STATUS
+from estlab.warned import in_a_line
+
+
+class RunDirectory:
+    """A directory that one run has to itself. Every file in it is written whole or not at all, through no link."""
+
+    def __init__(self, path: Path, within: Path | None = None, **facts: Any) -> None:
+        """Claim a directory, which is made if it is not there; facts are for run.json.
+
+        within: the folder above, such as a sweep's, below which no link is followed; by default the path itself.
+
+        Raises UserError if another run has it or it cannot be written.
+        """
+        self.path = path
+        self._root = within or path
+        self._name = path.relative_to(self._root)
+        self._began, self._clock = time.time(), time.monotonic()
+        self._facts: dict[str, Any] = facts
+        try:
+            self._root.mkdir(parents=True, exist_ok=True)
+            files.create(self._root, str(self._name / STATUS), status.stamp("running", self._began))
+            with files.folder(self._root, self._name) as handle:
+                # While it is held open, no other folder has its number.
+                self._held, self._identity = os.dup(handle), os.fstat(handle)
+        except FileExistsError as error:
+            if not path.is_dir():
+                raise UserError(
+                    f"{path}: a file stands where the run directory should be; set hydra.run.dir or output"
+                ) from error
+            raise UserError(f"{path}: holds a run already; give this one another hydra.run.dir") from error
+        except files.RefusedError as error:
+            raise UserError(
+                f"{error.filename}: {error.strerror}; remove it, or set output to another folder"
+            ) from error
+        except OSError as error:
+            raise UserError(
+                f"{path}: the run directory cannot be written ({error.strerror}); set output to another folder"
+            ) from error
+
+    def finish(self, state: status.State, message: str = "", code: int = 0) -> None:
+        """Set the final status and exit code, in place if there is no room for a new file.
+
+        Raises OSError if the directory is gone or cannot be written at all.
+        """
+        try:
+            self._must_be_there()
+            with contextlib.suppress(OSError):
+                self.describe()
+            status.replace(self._root, str(self._name / STATUS), status.stamp(state, self._began, message, code))
+        finally:
+            os.close(self._held)
+
+    @contextmanager
+    def logged(self) -> Iterator[None]:
+        """Send what estlab logs and what is warned of to log.txt, and the traceback of whatever is raised."""
+        logging.raiseExceptions = False  # a full disk is reported once, by the file that matters
+        with files.in_place(self._root, str(self._name / LOG)) as stream:
+            stream.seek(0, os.SEEK_END)
+            handler = logging.StreamHandler(io.TextIOWrapper(stream, encoding="utf-8", write_through=True))
+            handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+            logger = logging.getLogger("estlab")
+            logger.setLevel(logging.INFO)
+            logger.propagate = False
+            logger.addHandler(handler)
+            try:
+                with in_a_line(logger.warning):
+                    yield
+            except KeyboardInterrupt:
+                logger.warning("interrupted")
+                raise
+            except Exception:
+                logger.exception("the run failed")
+                raise
+            finally:
+                logger.removeHandler(handler)
+                handler.close()
+
+    def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
+        """Write a file of the directory; folders in its name are made.
+
+        Raises OSError where it cannot be written, and where the directory is no longer the one that was claimed.
+        """
+        self._must_be_there()
+        return files.write(self._root, str(self._name / name), write)
+
+    def write_text(self, name: str, text: str) -> Path:
+        """:meth:`write` for text."""
+        return self.write(name, lambda stream: stream.write(text.encode()))
+
+    def describe(self, **facts: Any) -> None:
+        """Add to run.json, which says all that is needed to know what ran, on what, and from which data."""
+        self._facts |= facts
+        record = {
+            **provenance.origin(),
+            **self._facts,
+            "began": status.iso(self._began),
+            "wall_time_s": round(time.monotonic() - self._clock, 3),
+            "peak_memory_mb": round(provenance.peak_memory() / 2**20, 1),
+        }
+        self.write_text(RUN, json.dumps(record, indent=2) + "\n")
+
+    def link_latest(self, root: Path) -> None:
+        """Make ``latest`` in the folder of all runs point here."""
+        link_latest(self.path, root)
+
+    def is_there(self) -> bool:
+        """Whether the directory still is the one that was claimed."""
+        try:
+            with files.folder(self._root, self._name) as handle:
+                return os.path.samestat(os.fstat(handle), self._identity)
+        except OSError:
+            return False
+
+    def _must_be_there(self) -> None:
+        if not self.is_there():
+            raise OSError(errno.ENOENT, "was removed or replaced while the run wrote to it", str(self.path))
+
+
+def link_latest(path: Path, root: Path) -> None:
+    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without."""
+    with contextlib.suppress(OSError):
+        if not path.resolve().is_relative_to(root.resolve()):
+            return
+        link = root / f".latest.{os.getpid()}"
+        try:
+            link.unlink(missing_ok=True)
+            link.symlink_to(path.resolve().relative_to(root.resolve()), target_is_directory=True)
+            os.replace(link, root / "latest")
+        finally:
+            link.unlink(missing_ok=True)

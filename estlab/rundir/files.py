@@ -1,0 +1,169 @@
+"""The one way into a directory that may be anybody's: regular files of bounded size, read and written through no link.
+
+A root is a directory that the user named, and links on the way to it are his own. What lies below it need not be: each
+folder on the way down, and the file itself, must be what it seems. No pipe, device or socket is opened, so none holds
+anybody up. Errors are OSError with the path of what is wrong.
+"""
+
+import errno
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePath
+from typing import BinaryIO
+
+from estlab.datasets.whole import write_whole
+
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+_FILE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+
+LINK = "is a link, which is not followed"
+
+
+class RefusedError(OSError):
+    """What has the name is no regular file or folder, or is too large; strerror says which."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(errno.EINVAL, why, str(path))
+
+
+@contextmanager
+def folder(root: Path, name: str | PurePath = "", make: bool = False) -> Iterator[int]:
+    """A descriptor of a folder below the root, each step on the way to which is a folder and no link.
+
+    make: whether those that are missing are made.
+    """
+    handle, at = os.open(root, _FOLDER), root
+    try:
+        for part in PurePath(name).parts:
+            at /= part
+            if part == ".." or "/" in part or "\0" in part:
+                raise RefusedError(at, "leads out of the directory")
+            if make:
+                with suppress(FileExistsError):
+                    os.mkdir(part, dir_fd=handle)
+            facts = _facts(handle, part, at)
+            if not stat.S_ISDIR(facts.st_mode):
+                raise RefusedError(at, LINK if stat.S_ISLNK(facts.st_mode) else "is no folder")
+            below = os.open(part, _FOLDER | os.O_NOFOLLOW, dir_fd=handle)
+            os.close(handle)
+            handle = below
+        yield handle
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def opened(root: Path, name: str, most: int | None = None) -> Iterator[BinaryIO]:
+    """A file to read. most: the bytes that it may have."""
+    with _file(root, name, os.O_RDONLY) as stream:
+        if most is not None and os.fstat(stream.fileno()).st_size > most:
+            raise RefusedError(root / name, "is larger than what a run writes")
+        yield stream
+
+
+def read(root: Path, name: str, most: int) -> bytes:
+    """A file's bytes, of which there may be so many."""
+    with opened(root, name, most) as stream:
+        return stream.read(most + 1)
+
+
+def write(root: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
+    """Write a file whole or not at all; folders in its name are made. What has its name is replaced, not followed."""
+    path = root / name
+    try:
+        with folder(root, PurePath(name).parent, make=True) as within:
+            write_whole(Path(path.name), write, within)
+    except RefusedError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    return path
+
+
+def write_text(root: Path, name: str, text: str) -> Path:
+    """:func:`write` for text."""
+    return write(root, name, lambda stream: stream.write(text.encode()))
+
+
+def create(root: Path, name: str, content: bytes) -> None:
+    """Write a file that must not be there yet; raises FileExistsError if it is."""
+    with folder(root, PurePath(name).parent, make=True) as within:
+        handle = os.open(PurePath(name).name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FILE, 0o666, dir_fd=within)
+        with open(handle, "wb") as stream:
+            stream.write(content)
+
+
+@contextmanager
+def in_place(root: Path, name: str) -> Iterator[BinaryIO]:
+    """A file to read and write as it stands, made if it is not there: for locks, logs, and disks that are full."""
+    with _file(root, name, os.O_RDWR | os.O_CREAT) as stream:
+        if os.fstat(stream.fileno()).st_nlink > 1:
+            raise RefusedError(root / name, "has another name elsewhere, and is not written to")
+        yield stream
+
+
+def is_file(root: Path, name: str) -> bool:
+    """Whether a regular file has the name."""
+    try:
+        with folder(root, PurePath(name).parent) as within:
+            return stat.S_ISREG(_facts(within, PurePath(name).name, root / name).st_mode)
+    except OSError:
+        return False
+
+
+def has(root: Path, name: str) -> bool:
+    """Whether anything has the name, if only a link to nowhere."""
+    try:
+        with folder(root, PurePath(name).parent) as within:
+            _facts(within, PurePath(name).name, root / name)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def names(root: Path, name: str | PurePath = "") -> list[str]:
+    """What lies in a folder, sorted."""
+    with folder(root, name) as handle, os.scandir(handle) as entries:
+        return sorted(entry.name for entry in entries)
+
+
+def remove(root: Path, name: str) -> None:
+    """Remove a file or a link, if it is there."""
+    with suppress(FileNotFoundError), folder(root, PurePath(name).parent) as within:
+        os.unlink(PurePath(name).name, dir_fd=within)
+
+
+@contextmanager
+def _file(root: Path, name: str, flags: int) -> Iterator[BinaryIO]:
+    path = root / name
+    with folder(root, PurePath(name).parent) as within:
+        try:
+            _must_be_regular(_facts(within, path.name, path), path)
+        except FileNotFoundError:
+            if not flags & os.O_CREAT:
+                raise
+        try:
+            handle = os.open(path.name, flags | _FILE, 0o666, dir_fd=within)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+    with open(handle, "r+b" if flags & os.O_RDWR else "rb", buffering=0 if flags & os.O_RDWR else -1) as stream:
+        _must_be_regular(os.fstat(handle), path)  # what was looked at may not be what was opened
+        yield stream
+
+
+def _must_be_regular(facts: os.stat_result, path: Path) -> None:
+    if not stat.S_ISREG(facts.st_mode):
+        raise RefusedError(path, LINK if stat.S_ISLNK(facts.st_mode) else "is no regular file")
+
+
+def _facts(within: int, name: str, path: Path) -> os.stat_result:
+    try:
+        return os.stat(name, dir_fd=within, follow_symlinks=False)
+    except ValueError as error:
+        raise RefusedError(path, "has a zero byte in its name") from error
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error

@@ -1,0 +1,66 @@
+"""How a run ended, or whose process is at work on it: status.json."""
+
+import json
+import os
+import platform
+import time
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from estlab.rundir import files
+from estlab.rundir.layout import RECORD_BYTES, STATUS
+
+State = Literal["running", "ok", "failed", "interrupted"]
+
+# The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.
+_BYTES = 2048
+
+
+def stamp(state: State, began: float, message: str = "", code: int = 0) -> bytes:
+    """The status of a run of this process as it is written. began: seconds since 1970."""
+    facts: dict[str, Any] = {"status": state, "began": iso(began), "pid": os.getpid(), "node": platform.node()}
+    if state != "running":
+        facts |= {"ended": iso(time.time()), "error": message[:1000], "exit_code": code}
+    return (json.dumps(facts, indent=2) + "\n").encode().ljust(_BYTES)
+
+
+def replace(root: Path, name: str, content: bytes) -> None:
+    """Write a status whole, or in place if there is no room for a new file. Raises OSError if neither goes."""
+    try:
+        files.write(root, name, lambda stream: stream.write(content))
+    except OSError:
+        with files.in_place(root, name) as stream:
+            stream.write(content)
+
+
+def end(root: Path, folder: str, message: str) -> None:
+    """Set "failed" in the directory of a run whose process is gone, which is made if the process never did."""
+    name = f"{folder}/{STATUS}"
+    try:
+        began = datetime.fromisoformat(json.loads(files.read(root, name, RECORD_BYTES))["began"]).timestamp()
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        began = time.time()
+    replace(root, name, stamp("failed", began, message, 1))
+
+
+def iso(seconds: float) -> str:
+    """Local time with its offset."""
+    return datetime.fromtimestamp(seconds).astimezone().isoformat()
+
+
+def at_work(status: Mapping[str, Any]) -> bool:
+    """Whether the process of an unfinished run is alive, by its status; also where that cannot be known from here."""
+    pid, node = status.get("pid"), status.get("node")
+    if status.get("status") != "running":
+        return False
+    if not isinstance(pid, int) or isinstance(pid, bool) or not 0 < pid < 2**31 or node != platform.node():
+        return True
+    try:
+        os.kill(pid, 0)  # it sends nothing, and asks alone
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
