@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 
 from estlab.errors import UserError
+from estlab.given import other_data
 from estlab.path_arguments import home, is_path, quoted_path
 
 CONFIG_DIR = ("--config-dir", "-cd")
@@ -21,9 +22,12 @@ _FLAGS = {
     *("--help", "-h", "--hydra-help", "--version", "--resolve", "--run", "-r", "--multirun", "-m"),
     *("--shell-completion", "-sc", *_INFO, *_WITH_VALUE),
 }
-# In a sweep, what is typed alone is expected: a file's expectations are of its own values, not of those swept. Nor has
-# each job a page, if none is asked for. These stand before what is typed, which adds to them.
-OF_A_SWEEP = ("expect=null", "report=false")
+# These stand before what is typed, which adds to them. In a sweep, what is typed alone is expected: a file's
+# expectations are of its own values, not of those swept. Nor has each job a page, if none is asked for.
+OF_A_SWEEP = ("expect=null", "expect_files=null", "report=false")
+# Of an experiment on a recording instead, neither what its file expects nor its number of runs holds; what it expects
+# of that recording, under expect_files, does.
+_OF_OTHER_DATA = ("expect=null", "runs=1")
 
 _DIGITS = 1000  # of a number, for which Python has a limit of its own
 _DEEPEST = 20  # brackets in a value, of which no key has more than a few
@@ -52,8 +56,9 @@ def prepared(arguments: list[str]) -> list[str]:
         _check_size(word)
         _check_installed(word)
     words = [quoted_path(word, sweep) for word in _file_names(_expectations(_several_filters(words)))]
-    ours = OF_A_SWEEP if sweep and words and tuple(words[:2]) != OF_A_SWEEP else ()
-    return [*flags, *ours, *words]
+    experiment = any(word.startswith("+experiment=") for word in words)
+    ours = [*OF_A_SWEEP * sweep, *_OF_OTHER_DATA * (experiment and other_data(words))]
+    return [*flags, *(ours if words and words[: len(ours)] != ours else []), *words]
 
 
 def parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -119,16 +124,14 @@ def _expectations(arguments: list[str]) -> list[str]:
     written: list[str] = []
     for argument in arguments:
         match = re.fullmatch(r"\+{0,2}(expect(?:\.[^=]+)?)=(.*)", argument, re.DOTALL)
+        words = [argument]
         if argument == "~expect" or re.fullmatch(r"\+{0,2}expect=\s*(null|\{\s*\})?\s*", argument):
-            written.append("expect=null")
-        elif match is None:
-            written.append(argument)
-        else:
+            words = ["expect=null", "expect_files=null"]
+        elif match is not None:
             key, value = match.groups()
-            null = f"++{key}=null"
-            written += [null] * (value.lstrip().startswith(("[", "{")) and written[-1:] != [null]) + [
-                f"++{key}={value}"
-            ]
+            words = [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
+        # What was written so before stays as it is.
+        written += words[1:] if written[-1:] == words[:1] else words
     return written
 
 

@@ -3,25 +3,21 @@
 import contextlib
 import errno
 import os
-import re
 import shlex
-import signal
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
+from estlab.errors import NO_MEMORY, IncompleteError, UserError, WorkerLostError, is_lack_of_memory, printable
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from estlab.config import Settings
-    from estlab.ensemble import Names
     from estlab.expectations import Finding
     from estlab.rundir import RunDirectory, State
 
@@ -29,28 +25,21 @@ _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
-# What a title says anyway, or what changes nothing in the figures.
-_TOLD = (
-    "scenario=",
-    "filter=",
-    "runs=",
-    "steps=",
-    "seed=",
-    "data",
-    "plots=",
-    "report=",
-    "output=",
-    "plugins=",
-    "keep_runs=",
-    "block_runs=",
-    "cores=",
-    "expect",
-    "++expect",
-    "sweep.",
-    "objective=",
-    "part=",
-    "parts=",
-)
+# By number of the system's error, what to do about a file of the run that cannot be written.
+_REMEDIES = {
+    errno.ENOSPC: "make room or set output to another disk",
+    errno.EDQUOT: "make room or set output to another disk",
+    errno.ENOENT: "leave its directory where it is until the run has ended",
+    errno.EINVAL: "remove what stands in its place",
+    errno.EISDIR: "remove what stands in its place",
+    errno.EROFS: "set output to another disk",
+    errno.EIO: "the disk is failing, set output to another",
+    errno.ESTALE: "set output to another disk",
+    errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
+    errno.ENFILE: "the system has too many files open",
+    errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
+    errno.EAGAIN: "the system starts no more processes for you, take cores=1",
+}
 
 
 def pasted(path: Path) -> str:
@@ -71,7 +60,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     from estlab import composition
 
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
-    signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
 
     def task(config: "DictConfig") -> None:
@@ -80,7 +68,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except Exception as error:
             if traceback_wanted:
                 raise
-            codes.append(complain(one_line(error, taken)))
+            short = is_lack_of_memory(error)
+            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, taken)))
 
     taken = prepared(arguments)
     sys.argv = ["estlab", *taken]
@@ -89,8 +78,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         os.environ["HYDRA_FULL_ERROR"] = "1"
         composition.install()
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
-    except BrokenPipeError:
-        raise
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
@@ -102,16 +89,12 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
     except Exception as error:
-        if traceback_wanted:
+        if traceback_wanted or is_lack_of_memory(error):
             raise
         raise UserError(one_line(error, taken)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:
@@ -122,11 +105,11 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab import expectations, experiment, rundir
+    from estlab import composed, expectations, experiment, rundir
 
-    folder = Path(_raw(HydraConfig.get().runtime)["output_dir"])
+    folder = Path(composed.raw(HydraConfig.get().runtime)["output_dir"])
     try:
-        settings, names = _settings(config)
+        settings, names = composed.settings_of(config)
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
@@ -197,9 +180,9 @@ def simulate_job(config: "DictConfig") -> int:
 
     Raises UserError for a configuration from which none can be made.
     """
-    from estlab import experiment
+    from estlab import composed, experiment
 
-    settings, names = _settings(config)
+    settings, names = composed.settings_of(config)
     if settings.data.path is None:
         raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
     for path in experiment.simulate(settings, names):
@@ -207,64 +190,15 @@ def simulate_job(config: "DictConfig") -> int:
     return OK
 
 
-def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
-    """The composed configuration as objects, and what the user called them."""
-    from estlab.config import build
-
-    plain, names = described(config)
-    return build(plain), names
-
-
-def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
-    """The composed configuration as plain data, and what the user called its parts."""
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import OmegaConf
-
-    from estlab.ensemble import Names
-
-    hydra = HydraConfig.get()
-    plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
-    if hydra.job.chdir and plain["data"]["path"]:
-        plain["data"]["path"] = str(Path(_raw(hydra.runtime)["cwd"]) / plain["data"]["path"])
-    words = typed()
-    given = [word for word in words if word.startswith("filter=")]
-    if plain["filters"] and given and not any("filter@filters" in word for word in words):
-        theirs = ",".join(plain["filters"])
-        raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
-    if plain["filters"] and (unused := next((w for w in words if re.match(r"\+*filter\.", w)), None)):
-        several = ", ".join(unused.lstrip("+").replace("filter.", f"filters.{name}.", 1) for name in plain["filters"])
-        raise UserError(f"{unused} would not be used: there are several filters here; write {several}")
-    changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
-    choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
-    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
-    scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return plain, Names(scenario, filter, changes)
-
-
-def typed() -> list[str]:
-    """What is typed for the run or job that is composed now, as Hydra takes it."""
-    from hydra.core.hydra_config import HydraConfig
-
-    return [str(word) for word in _raw(HydraConfig.get().overrides)["task"]]
-
-
-def _raw(node: Any) -> dict[str, Any]:
-    """A node of what Hydra composed with ${...} as it stands there: in the name of a folder it is no interpolation."""
-    from omegaconf import OmegaConf
-
-    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
-
-
 def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
-    if isinstance(error, OSError):
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room or set output to another disk" if full else "check its permissions"
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
-    if isinstance(error, MemoryError):
+    if is_lack_of_memory(error):
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
+    if isinstance(error, OSError):
+        remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
+        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
 

@@ -5,10 +5,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from estlab.blocks import block_count
+from estlab.composed import described
 from estlab.config import build
 from estlab.errors import UserError
 from estlab.groups import Sweep
-from estlab.launch import described
 from estlab.quoting import unquoted
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint

@@ -172,7 +172,10 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
             "filters.pf takes particles, resampling, threshold",
         ),
         (["run", "+experiment=field_errors", "filters.pf.partcles=9"], "did you mean filters.pf.particles?"),
-        (["run", "filter=[ekf,pf]", "filter.gate=0.9"], "several filters here; write filters.ekf.gate=0.9, filters.pf"),
+        (
+            ["run", "filter=[ekf,pf]", "filter.gate=0.9"],
+            "would not be used, there are several filters: write filters.<ekf|pf>.gate",
+        ),
         (["run", "filter=ekf", "filters.pf.particles=9"], "there is no pf among several filters here"),
         (["sweep", "filter=pf,ukf", "filter.particels=9,10"], "did you mean filter.particles?"),
         (["run", "+expriment=smoke"], "unknown key expriment; did you mean +experiment?"),

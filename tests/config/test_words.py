@@ -117,7 +117,7 @@ def test_a_leading_tilde_is_the_home_wherever_the_path_is_written(monkeypatch, t
 
 def test_flags_go_first_with_their_values_wherever_they_stand():
     assert prepared(["seed=1", "--config-dir", "a=b", "steps=2", "-m", "-c", "job"]) == [
-        "--config-dir=a=b", "-m", "--cfg=job", "expect=null", "report=false", "seed=1", "steps=2",
+        "--config-dir=a=b", "-m", "--cfg=job", "expect=null", "expect_files=null", "report=false", "seed=1", "steps=2",
     ]  # fmt: skip
     assert prepared(["-i", "defaults", "seed=1"]) == ["--info=defaults", "seed=1"]
     assert prepared(["-i", "seed=1"]) == ["--info=all", "seed=1"]
