@@ -4,7 +4,7 @@ import contextlib
 import re
 from collections.abc import Sequence
 
-from estlab.errors import UserError
+from estlab.errors import PluginError, UserError
 from estlab.known_keys import known_keys
 
 
@@ -15,6 +15,8 @@ def one_line(error: Exception, arguments: Sequence[str]) -> str:
     """
     if isinstance(error, UserError):
         return str(error)
+    if isinstance(error, PluginError):
+        return f"{error}; HYDRA_FULL_ERROR=1 shows the traceback"
     text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
     if folder := re.search(r"Additional config directory '(.*)' not found", text):
         return f"--config-dir: there is no folder {folder[1]}"

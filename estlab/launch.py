@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import NO_MEMORY, IncompleteError, UserError, WorkerLostError, is_lack_of_memory, printable
+from estlab.errors import (
+    NO_MEMORY,
+    IncompleteError,
+    PluginError,
+    UserError,
+    WorkerLostError,
+    frames,
+    is_lack_of_memory,
+    printable,
+)
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -194,13 +203,25 @@ def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
+    if isinstance(error, PluginError):
+        return f"{error}; the traceback is in {log}"
     if is_lack_of_memory(error):
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
     if isinstance(error, OSError):
+        why = error.strerror or str(error) or type(error).__name__
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT) and not _of_directory(error, log.parent):
+            where = f"{error.filename}: " if error.filename else ""
+            return f"{where}{why}; the traceback is in {log}"
         remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
+        return f"{error.filename or log.parent}: {why}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
+
+
+def _of_directory(error: OSError, folder: Path) -> bool:
+    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
+    return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))
 
 
 def remove_if_ours(folder: Path, output: Path) -> None:

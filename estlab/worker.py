@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
 from estlab import cores
+from estlab.errors import frames
 from estlab.signals import left_to_parent
 
 STEPS, DONE, FAILED, WARNING, LOG = "steps", "done", "failed", "warning", "log"
@@ -98,11 +99,14 @@ class _Handler(logging.handlers.QueueHandler):
 def _portable(error: BaseException) -> bytes:
     """The error, with its traceback as a note, or what it says where it cannot be pickled."""
     error.add_note(f"in a worker process:\n{''.join(traceback.format_exception(error))}")
+    error.frames_in_worker = frames(error)  # type: ignore[attr-defined]
     try:
         carried = pickle.dumps(error)
         pickle.loads(carried)
     except Exception:
-        return pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
+        said = RuntimeError(f"{type(error).__name__}: {error}")
+        said.frames_in_worker = frames(error)  # type: ignore[attr-defined]
+        return pickle.dumps(said)
     return carried
 
 
