@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from estlab import yaml_bounds
 from estlab.errors import UserError
 from estlab.path_arguments import PATHS, home
+from estlab.targets import located
 
 # What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
 _PLUGINS = ("hydra.launcher._target_", "hydra.sweeper._target_")
@@ -107,8 +108,6 @@ def _check_target(path: str, name: Any, allowed: tuple[str, ...]) -> None:
         return
     if path.startswith("hydra.callbacks.") and _HYDRAS_CALLBACK.fullmatch(str(name)):
         return
-    from estlab.config import located
-
     found = located(str(name), path, allowed)
     if re.fullmatch(r"hydra\.callbacks\.[^.]+\._target_", path) and not _is_callback(found):
         raise UserError(f"{path} {name} is no callback: a class with methods such as on_run_start and on_job_end")
@@ -119,8 +118,6 @@ def _is_callback(found: Any) -> bool:
 
 
 def _check_logging(path: str, key: str, value: Any, allowed: tuple[str, ...]) -> None:
-    from estlab.config import located
-
     if key in ("()", "class"):
         if not (_LOGGERS.fullmatch(str(value)) or value == _COLOURS):
             located(str(value), path, allowed)
