@@ -189,7 +189,7 @@ def _complete(arguments: list[str]) -> int:
     if words[1] == "report":
         from estlab.report.command import folders
 
-        print(" ".join(folders("" if line.endswith(" ") else words[-1])))
+        print(printable(" ".join(folders("" if line.endswith(" ") else words[-1]))))
         return OK
     if words[1] == "verify":
         from estlab.verify import experiment_files
