@@ -15,12 +15,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal, Union
 
-from estlab.errors import UserError
+from estlab.errors import PluginError, UserError, plugin_fault
 from estlab.filters.contract import Filter
 from estlab.groups import Data, Noise, Sweep
 from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.contract import Scenario
+from estlab.targets import check_targets, resolved
 
 Node = Mapping[str, Any]
 
@@ -53,8 +54,13 @@ class Settings:
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
     objective: str
     sweep: Sweep
+    # Run directories of earlier versions do not have these.
+    dropped: float = 0.0
+    expect_files: Any = None  # expectations by the SHA-256 of a file that was read
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.dropped <= 1.0:
+            raise ValueError(f"dropped must be a share from 0 to 1, got {self.dropped:g}")
         for name in ("runs", "steps", "keep_runs", "block_runs"):
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:
@@ -82,7 +88,7 @@ def build(config: Node) -> Settings:
     Raises UserError, naming the key, the value and the remedy, for the first thing that is wrong.
     """
     allowed = ("estlab", *_plugins(config.get("plugins")))
-    _check_targets(config, "", allowed)
+    check_targets(config, "", allowed)
     return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
 
 
@@ -124,6 +130,8 @@ def unknown_key(path: str, known: Sequence[str]) -> str:
     siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
     takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
     near = nearest(path, known)
+    if group in known and not siblings:
+        return f"unknown key {path}; {group} takes no keys here"
     return unknown_key(group, known) if group and not (near or siblings) else f"unknown key {path}{near or takes}"
 
 
@@ -150,17 +158,25 @@ class _Builder:
         given = [key for key in node if key != "_target_"]
         for key in given:
             if key not in parameters:
-                here = [_join(path, name) for name in parameters]
+                here = [_join(path, name) for name in parameters] + ([] if path else ["+experiment"])
                 elsewhere = [name for name in self.known if name != _join(path, key)]
                 raise UserError(unknown_key(_join(path, key), here + elsewhere))
         for key, parameter in parameters.items():
             if key not in node and parameter.default is parameter.empty:
                 raise UserError(f"{_join(path, key)} is missing")
         arguments = {key: self.convert(node[key], hints.get(key, Any), _join(path, key)) for key in given}
+        if lacking := sorted(getattr(make, "__abstractmethods__", ())):
+            name = f"{make.__module__}.{make.__qualname__}"
+            raise UserError(f"{path}: {name} has no {', '.join(lacking)}, which it must define")
         try:
             return make(**arguments)
-        except (ValueError, ArithmeticError, TypeError) as error:
-            raise UserError(_join(path, " ".join(str(error).split()))) from error
+        except (Exception, SystemExit) as error:
+            named = isinstance(error, (ValueError, ArithmeticError))  # as is agreed for what a key may not be
+            if not named and (fault := plugin_fault(error, self.allowed[1:])):
+                raise PluginError(fault) from error
+            if named or isinstance(error, TypeError):
+                raise UserError(_join(path, " ".join(str(error).split()))) from error
+            raise
 
     def convert(self, value: Any, hint: Any, path: str) -> Any:
         """The value as the type, or a UserError that names the key."""
@@ -170,7 +186,7 @@ class _Builder:
             return value
         if isinstance(value, Mapping):
             if "_target_" in value:
-                make = _resolve(value["_target_"], hint, f"{path}._target_", self.allowed)
+                make = resolved(value["_target_"], hint, f"{path}._target_", self.allowed)
                 made = self.construct(make, value, path)
                 if not isinstance(made, hint):
                     raise UserError(
@@ -204,10 +220,10 @@ class _Builder:
 
 def _scalar(value: Any, hint: Any, path: str) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(value, int) and abs(value) > 2**63:
-        raise UserError(f"{path} is too large a number")
-    if number and not math.isfinite(value):
+    if number and isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{path} must be finite, got {value}")
+    if number and abs(value) >= 2**63 and (hint is int or isinstance(value, int)):
+        raise UserError(f"{path} is too large a number; whole numbers end at 9e18")
     if hint is float and number:
         return float(value)
     if hint is int and number and float(value).is_integer():
@@ -218,52 +234,6 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
         return str(value)
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
-
-
-def _check_targets(node: Any, path: str, allowed: tuple[str, ...]) -> None:
-    """Refuse every target outside the allowed packages before anything is imported."""
-    if isinstance(node, Mapping):
-        for key, value in node.items():
-            if key == "_target_":
-                _check_name(value, _join(path, key), allowed)
-            _check_targets(value, _join(path, str(key)), allowed)
-    elif isinstance(node, Sequence) and not isinstance(node, str):
-        for i, value in enumerate(node):
-            _check_targets(value, f"{path}[{i}]", allowed)
-
-
-def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
-    if not any(str(name).startswith(f"{package}.") for package in allowed):
-        raise UserError(
-            f"{path} {name} is refused: it is not in {', '.join(allowed)}; list its package under plugins to allow it"
-        )
-
-
-def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
-    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
-    module, _, attribute = name.rpartition(".")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{path}: there is no {name} ({error})") from error
-    except (Exception, SystemExit) as error:
-        said = " ".join(str(error).split())
-        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
-    made = _product(found)
-    if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
-        raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
-    _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
-    return typing.cast(Callable[..., Any], found)
-
-
-def _product(found: Any) -> Any:
-    """What calling this makes, by its own word; None if it says nothing."""
-    if inspect.isclass(found):
-        return found
-    try:
-        return typing.get_type_hints(found).get("return") if inspect.isfunction(found) else None
-    except NameError:
-        return None
 
 
 def _join(path: str, key: str) -> str:

@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from estlab.blocks import block, block_count
+from estlab.border import problem
+from estlab.border.filters import try_filter
 from estlab.config import Settings
+from estlab.errors import UserError
 from estlab.filters.contract import Filter
 from estlab.filters.engine import CompiledLoop
 from estlab.filters.loop import Loop
@@ -33,11 +36,15 @@ log = logging.getLogger("estlab")
 
 @dataclass(frozen=True)
 class Names:
-    """What the user chose, as he named it, and what he changed."""
+    """What the user chose, as he named it, and what he changed.
+
+    set_aside: whether expectations of his experiment were left out, being of other data than he took.
+    """
 
     scenario: str
     filter: str
     changes: tuple[str, ...] = ()
+    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,10 +124,10 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
 def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    models = scenario.motion(noise), scenario.sensor(noise, places)
+    models, scheme = problem.models_of(scenario, noise, places), problem.scheme_of(scenario)
     if settings.engine == "numpy":
-        return Loop(filter, *models, *scenario.scheme)
-    return CompiledLoop(filter, *models, *scenario.scheme, insist=settings.engine == "compiled")
+        return Loop(filter, *models, *scheme)
+    return CompiledLoop(filter, *models, *scheme, insist=settings.engine == "compiled")
 
 
 _loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
@@ -134,16 +141,33 @@ def _kept_loop(settings: Settings, name: str, filter: Filter, places: Array) -> 
     return known[2]
 
 
-def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
-    """Truth and readings of the runs with these numbers."""
+def check_answers(settings: Settings, names: Names, first: Record) -> None:
+    """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
     streams = Streams(settings.seed, names.scenario)
-    data = settings.data
+    filters = filters_of(settings, names)
+    models = problem.models_of(settings.scenario, settings.noise.filter, first.places)
+    problem.check(settings.scenario, *models, first, list(filters.values()))
+    for name, filter in filters.items():
+        if not type(filter).__module__.startswith("estlab."):
+            draws = streams.draws(f"filter/{name}", range(first.runs if first.each_its_own else 1))
+            try_filter(problem.name_of(filter), filter, *models, first, draws)
+
+
+def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
+    """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
+    streams = Streams(settings.seed, names.scenario)
+    scenario, data = settings.scenario, settings.data
     if data.source == "files":
-        options = (data.options,) if settings.scenario.file_names else ()
-        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
+        options = (data.options,) if scenario.file_names else ()
+        make = partial(scenario.read, Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
-        record = settings.scenario.simulate(streams, runs, settings.noise.truth)
-    return record.first(settings.steps)
+        make = partial(scenario.simulate, streams, runs, settings.noise.truth)
+    record = problem.recorded(scenario, make, len(runs)).first(settings.steps)
+    if settings.dropped == 0.0:
+        return record
+    if record.readings.step.size == 0:
+        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+    return record.thinned(settings.dropped, streams, runs)
 
 
 def workers(settings: Settings, names: Names) -> Workers[Block]:

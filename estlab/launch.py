@@ -3,23 +3,30 @@
 import contextlib
 import errno
 import os
-import signal
+import shlex
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
+from estlab.errors import (
+    NO_MEMORY,
+    IncompleteError,
+    PluginError,
+    UserError,
+    WorkerLostError,
+    frames,
+    is_lack_of_memory,
+    printable,
+)
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from estlab.config import Settings
-    from estlab.ensemble import Names
     from estlab.expectations import Finding
     from estlab.rundir import RunDirectory, State
 
@@ -27,28 +34,25 @@ _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
-# What a title says anyway, or what changes nothing in the figures.
-_TOLD = (
-    "scenario=",
-    "filter=",
-    "runs=",
-    "steps=",
-    "seed=",
-    "data",
-    "plots=",
-    "report=",
-    "output=",
-    "plugins=",
-    "keep_runs=",
-    "block_runs=",
-    "cores=",
-    "expect",
-    "++expect",
-    "sweep.",
-    "objective=",
-    "part=",
-    "parts=",
-)
+# By number of the system's error, what to do about a file of the run that cannot be written.
+_REMEDIES = {
+    errno.ENOSPC: "make room or set output to another disk",
+    errno.EDQUOT: "make room or set output to another disk",
+    errno.ENOENT: "leave its directory where it is until the run has ended",
+    errno.EINVAL: "remove what stands in its place",
+    errno.EISDIR: "remove what stands in its place",
+    errno.EROFS: "set output to another disk",
+    errno.EIO: "the disk is failing, set output to another",
+    errno.ESTALE: "set output to another disk",
+    errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
+    errno.ENFILE: "the system has too many files open",
+    errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
+}
+
+
+def pasted(path: Path) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
 
 
 def complain(message: str, code: int = USAGE) -> int:
@@ -61,8 +65,9 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     import hydra
     from hydra.errors import HydraException
 
+    from estlab import composition
+
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
-    signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
 
     def task(config: "DictConfig") -> None:
@@ -71,36 +76,33 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except Exception as error:
             if traceback_wanted:
                 raise
-            codes.append(complain(one_line(error, arguments)))
+            short = is_lack_of_memory(error)
+            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, taken)))
 
-    sys.argv = ["estlab", *prepared(arguments)]
+    taken = prepared(arguments)
+    sys.argv = ["estlab", *taken]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
+        composition.install()
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
-    except BrokenPipeError:
-        raise
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     except OSError as error:
         where = error.filename or "the folder where you stand"
         raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
     except Exception as error:
-        if traceback_wanted:
+        if traceback_wanted or is_lack_of_memory(error):
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:
@@ -111,11 +113,11 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab import expectations, experiment, rundir
+    from estlab import composed, expectations, experiment, rundir
 
-    folder = Path(HydraConfig.get().runtime.output_dir)
+    folder = Path(composed.raw(HydraConfig.get().runtime)["output_dir"])
     try:
-        settings, names = _settings(config)
+        settings, names = composed.settings_of(config)
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
@@ -173,64 +175,52 @@ def write_page(folder: Path) -> None:
     try:
         page.write(folder)
     except OSError as error:
-        complain(f"{error.filename}: {error.strerror}; the page is missing, draw it later with estlab report {folder}")
+        complain(
+            f"{error.filename}: {error.strerror}; the page is missing, "
+            f"draw it later with estlab report {pasted(folder)}"
+        )
     except Exception as error:
         complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
 
 
 def simulate_job(config: "DictConfig") -> int:
-    from estlab import experiment
+    """Write simulated data: the exit code.
 
-    for path in experiment.simulate(*_settings(config)):
-        print(path)
+    Raises UserError for a configuration from which none can be made.
+    """
+    from estlab import composed, experiment
+
+    settings, names = composed.settings_of(config)
+    if settings.data.path is None:
+        raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
+    for path in experiment.simulate(settings, names):
+        print(printable(str(path)))
     return OK
-
-
-def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
-    """The composed configuration as objects, and what the user called them."""
-    from estlab.config import build
-
-    plain, names = described(config)
-    return build(plain), names
-
-
-def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
-    """The composed configuration as plain data, and what the user called its parts."""
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import OmegaConf
-
-    from estlab.ensemble import Names
-
-    hydra = HydraConfig.get()
-    if config.get("plugins"):
-        # An installed command, unlike python -m, does not look where the user stands.
-        sys.path.insert(0, str(Path.cwd()))
-    plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
-    if hydra.job.chdir and plain["data"]["path"]:
-        plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
-    given = [word for word in hydra.overrides.task if word.startswith("filter=")]
-    if plain["filters"] and given and not any("filter@filters" in word for word in hydra.overrides.task):
-        theirs = ",".join(plain["filters"])
-        raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
-    changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
-    choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
-    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
-    scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return plain, Names(scenario, filter, changes)
 
 
 def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
-    if isinstance(error, OSError):
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room or set output to another disk" if full else "check its permissions"
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
-    if isinstance(error, MemoryError):
+    if isinstance(error, PluginError):
+        return f"{error}; the traceback is in {log}"
+    if is_lack_of_memory(error):
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
+    if isinstance(error, OSError):
+        why = error.strerror or str(error) or type(error).__name__
+        if not _of_directory(error, log.parent):
+            where = f"{error.filename}: " if error.filename else ""
+            return f"{where}{why}; the traceback is in {log}"
+        remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
+        return f"{error.filename or log.parent}: {why}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
+
+
+def _of_directory(error: OSError, folder: Path) -> bool:
+    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
+    return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))
 
 
 def remove_if_ours(folder: Path, output: Path) -> None:

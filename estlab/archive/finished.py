@@ -27,6 +27,12 @@ STATES = ("running", "ok", "failed", "interrupted")
 
 _DEEPEST = 50
 
+_UNFINISHED = {
+    "alive": "still running",
+    "gone": "unfinished, and its process is gone",
+    "unknown": "unfinished, and whether it is still running cannot be seen from here",
+}
+
 _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
 
 
@@ -53,6 +59,18 @@ class Finished:
         listed = self.facts.get("data")
         files = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
         return {str(one.get("file")): str(one.get("sha256")) for one in files}
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """SHA-256 of the source of each module of plugins by its name."""
+        return plugins_of(self.facts)
+
+
+def plugins_of(facts: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of the source of each module of plugins, by its name, as run.json has them."""
+    listed = facts.get("plugins")
+    modules = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
+    return {printable(str(one.get("module")))[:100]: printable(str(one.get("sha256"))) for one in modules[:1000]}
 
 
 def is_run(folder: Path) -> bool:
@@ -104,7 +122,7 @@ def unfinished(path: Path, found: Mapping[str, Any]) -> str:
     if state == "ok" or (state == "failed" and files.is_file(path, rundir.EXPECTATIONS)):
         return ""
     if state == "running":
-        return "still running" if rundir.at_work(found) else "unfinished, and its process is gone"
+        return _UNFINISHED[rundir.worker(found)]
     return f"{state}: {found.get('error') or 'no reason given'}"
 
 

@@ -34,6 +34,14 @@ class CompiledLoop(Loop):
         self.insist, self.lanes = insist, lanes
         self.work = Work(self.filter, self.motion, self.sensor, self.scheme, self.pause)
 
+    @property
+    def compiles(self) -> bool:
+        try:
+            self.work.method()
+        except ValueError:
+            return False
+        return True
+
     def check_engine(self) -> None:
         """Raise ValueError for a filter that is not compiled, if the engine is insisted on."""
         if self.insist:

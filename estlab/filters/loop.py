@@ -40,6 +40,11 @@ class Loop:
                 "gate would refuse all of a time's readings for one; take scenario.update=sequential with it"
             )
 
+    @property
+    def compiles(self) -> bool:
+        """Whether the filter's steps are to become machine code, if its models allow it."""
+        return False
+
     def check_engine(self) -> None:
         """Raise ValueError if what the loop runs on is not for this filter; NumPy is for all."""
 

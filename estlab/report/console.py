@@ -1,28 +1,31 @@
 """Standard output and a progress bar; plain lines where there is no terminal."""
 
-import os
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from rich.console import Console
+import rich.console
+from rich.segment import Segment
+
+from estlab.errors import printable
 
 _EVERY = 0.1  # seconds between updates of the bar
 
 
-class _Console(Console):
-    """A console whose reader may leave, as head does, without ending the run: its results are on the disk."""
+class Console(rich.console.Console):
+    """A console on which no text steers the terminal, whoever wrote it: names and errors come from files."""
 
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    def render(self, *arguments: Any, **options: Any) -> Iterable[Segment]:
+        for text, style, control in super().render(*arguments, **options):
+            lines = text if control else "\n".join(map(printable, text.split("\n")))
+            yield Segment(lines, style, control)
 
 
 def console() -> Console:
     """Standard output; wide enough for the tables where it is not a terminal."""
-    out = _Console(highlight=False)
-    return out if out.is_terminal else _Console(highlight=False, width=240, color_system=None)
+    out = Console(highlight=False)
+    return out if out.is_terminal else Console(highlight=False, width=240, color_system=None)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from estlab.rundir.layout import (
     OVERRIDES,
     PART,
     PLOTS,
+    PLUGINS,
     RUN,
     RUNS,
     STATUS,
@@ -24,7 +25,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import State, at_work, end
+from estlab.rundir.status import State, end, worker
 
 __all__ = [
     "COMPARISON",
@@ -42,6 +43,7 @@ __all__ = [
     "OVERRIDES",
     "PART",
     "PLOTS",
+    "PLUGINS",
     "RUN",
     "RUNS",
     "STATUS",
@@ -49,8 +51,8 @@ __all__ = [
     "VERDICTS",
     "RunDirectory",
     "State",
-    "at_work",
     "end",
     "hashes",
     "link_latest",
+    "worker",
 ]

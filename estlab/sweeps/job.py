@@ -2,21 +2,28 @@
 
 import contextlib
 import io
+import os
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from estlab.launch import OK, USAGE, concluded, described
-from estlab.rundir import CONFIG, OVERRIDES, RunDirectory
+from estlab.composed import described, typed
+from estlab.launch import OK, USAGE, concluded
+from estlab.path_arguments import as_typed
+from estlab.rundir import CONFIG, OVERRIDES, RunDirectory, process
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 OUTPUT = "output.txt"
+
+_EVERY = 0.5  # seconds between looks at the sweep's process
 
 # Hydra's configuration, the standard streams and the log are the process's, so its threads take turns.
 _ONE_AT_A_TIME = threading.Lock()
@@ -54,7 +61,9 @@ class Job:
             names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
             experiment.check(settings, names)
-            return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
+            return expectations.unmet(
+                experiment.run(settings, names, directory, ["estlab", "run", *map(as_typed, self.overrides)])
+            )
 
         with _output(directory):
             return concluded(directory, work, bool(self.plain["report"]) and self.plain["part"] is None)
@@ -72,6 +81,8 @@ def task(config: "DictConfig") -> int:
             return OK
         job = _job(config, sweep, name)
         limits = job.plain["sweep"]
+        if _is_ours(HydraConfig.get().launcher):
+            _end_with(sweep)
         code = OK
         for _ in range(1 + limits["retries"]):
             if state.at_work(sweep, name) or _is_done(job):
@@ -93,7 +104,7 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
     if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
         plain["cores"] = 1  # the engine has spread its jobs over the cores already
     # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
-    typed = [str(word) for word in HydraConfig.get().overrides.task if not word.startswith("parts=")]
+    words = [word for word in typed() if not word.startswith("parts=")]
     return Job(
         sweep=str(sweep),
         name=name,
@@ -102,9 +113,29 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
         filter=names.filter,
         changes=list(names.changes),
         config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
-        typed=OmegaConf.to_yaml(typed),
-        overrides=[word for word in typed if not word.startswith("sweep.")],
+        typed=OmegaConf.to_yaml(words),
+        overrides=[word for word in words if not word.startswith("sweep.")],
     )
+
+
+def _is_ours(launcher: "DictConfig") -> bool:
+    """Whether the worker is there for this sweep alone, and not one of a cluster that somebody else started."""
+    ours = ("BasicLauncher", "JoblibLauncher", "LocalLauncher", "DaskLauncher")
+    return str(launcher["_target_"]).endswith(ours) and launcher.get("address") is None
+
+
+@cache
+def _end_with(sweep: Path) -> None:
+    """End this process when that of the sweep has ended, however it did: nobody waits for what its jobs find."""
+    marks = state.holder(sweep)
+    if marks.get("pid") != os.getpid():
+        threading.Thread(target=_end_once_gone, args=[marks], daemon=True).start()
+
+
+def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
+    while process.life(marks) != "gone":
+        time.sleep(_EVERY)
+    os._exit(1)
 
 
 def _is_done(job: Job) -> bool:

@@ -7,7 +7,6 @@ import io
 import itertools
 import json
 import os
-import platform
 import stat
 import zipfile
 import zlib
@@ -19,8 +18,9 @@ from pathlib import Path, PurePath
 from typing import Any, Literal
 
 from estlab import rundir
+from estlab.archive.finished import plugins_of
 from estlab.errors import UserError, printable
-from estlab.rundir import files
+from estlab.rundir import files, process
 from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
 
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
@@ -51,13 +51,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job's directory says: rows are those of metrics.csv, as text."""
+    """What a job's directory says: rows are those of metrics.csv, as text; plugins: SHA-256 of each module's source."""
 
     state: State
     error: str = ""
     code: int = 0
     wall_time: float | None = None
     rows: list[dict[str, str]] = field(default_factory=list)
+    plugins: dict[str, str] = field(default_factory=dict)
 
 
 def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
@@ -105,7 +106,7 @@ def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
     rows = _metrics(sweep, folder)
     if rows is None:
         return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
-    return Outcome("ok", "", 0, took, rows)
+    return Outcome("ok", "", 0, took, rows, plugins_of(facts))
 
 
 def _record(sweep: Path, file: PurePath) -> dict[str, Any]:
@@ -144,14 +145,10 @@ def at_work(sweep: Path, name: str) -> int | None:
     """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
     try:
         stamp = _record(sweep, PurePath(name) / rundir.STATUS)
-        if stamp["status"] != "running" or stamp["node"] != platform.node() or stamp["pid"] == os.getpid():
-            return None
-        os.kill(int(stamp["pid"]), 0)
-    except PermissionError:
-        return int(stamp["pid"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+    except (OSError, ValueError, TypeError):
         return None
-    return int(stamp["pid"])
+    elsewhere = rundir.worker(stamp) == "alive" and stamp["pid"] != os.getpid()
+    return int(stamp["pid"]) if elsewhere else None
 
 
 def set_aside(sweep: Path, name: str) -> None:
@@ -210,19 +207,27 @@ def locked(sweep: Path) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            holder = printable(stream.read(200).decode(errors="replace")).strip()
+            by = holder(sweep)
+            who = f"process {by.get('pid')} on {printable(str(by.get('node')))}" if by else "just begun"
             raise UserError(
-                f"{sweep}: another sweep is at work there ({holder or 'just begun'}); "
-                "wait for it, or give this one another sweep.dir"
+                f"{sweep}: another sweep is at work there ({who}); wait for it, or give this one another sweep.dir"
             ) from error
         except OSError as error:
             raise UserError(
                 f"{sweep}: cannot be locked ({error.strerror}); set output or sweep.dir to another file system"
             ) from error
         stream.truncate(0)
-        stream.write(f"process {os.getpid()} on {platform.node()}".encode())
+        stream.write(json.dumps(process.marks()).encode())
         yield
         stream.truncate(0)
+
+
+def holder(sweep: Path) -> dict[str, Any]:
+    """The marks of the process that holds a sweep's directory; none if nobody does."""
+    try:
+        return _record(sweep, PurePath(LOCK))
+    except (OSError, ValueError, TypeError):
+        return {}
 
 
 def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
@@ -268,8 +273,3 @@ def plan_of(sweep: Path) -> dict[str, Any]:
     raise UserError(
         f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"
     )
-
-
-def quoted(text: str) -> str:
-    """As a value that Hydra's grammar takes for this text."""
-    return "'" + text.replace("'", "\\'") + "'"
