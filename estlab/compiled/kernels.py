@@ -37,8 +37,9 @@ def predict(steps: Steps, paused: bool = False) -> Piece:
     new, cov = wrapped(steps.motion.space, after.mean), after.cov
     if paused:
         has = steps.has(piece.tracer.leaves("value", steps.sensor.space.size))
-        new = [piece.choose(has, new[i], mean[i]) for i in range(steps.n)]
-        cov = symmetric(steps.n, lambda i, j: piece.choose(has, after.cov[i][j], matrix[i][j]))
+        if has is not None:
+            new = [piece.choose(has, new[i], mean[i]) for i in range(steps.n)]
+            cov = symmetric(steps.n, lambda i, j: piece.choose(has, after.cov[i][j], matrix[i][j]))
     piece.keep(new, cov)
     return piece
 

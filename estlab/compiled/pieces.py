@@ -107,7 +107,7 @@ class Steps:
 
     noise: which entries (i, j), j <= i, of the process noise's covariance (or factor) are not zero, in the order of the
     table they come from. measurement_noise: rows of the covariance of the readings, and of its factor.
-    quantiles: of the gate, by how many numbers were measured.
+    quantiles: of the gate, by how many numbers were measured. masked: whether numbers may be missing.
     """
 
     def __init__(
@@ -118,9 +118,11 @@ class Steps:
         noise: Sequence[tuple[int, int]],
         measurement_noise: tuple[Matrix, Matrix],
         quantiles: Sequence[float],
+        masked: bool,
     ) -> None:
         self.motion, self.sensor, self.method = motion, sensor, method
         self.noise, self.measurement_noise, self.quantiles = list(noise), measurement_noise, quantiles
+        self.masked = masked
         self.parameters = Parameters()
         self.n = motion.space.size
 
@@ -169,8 +171,10 @@ class Steps:
         """Command and length of a prediction."""
         return piece.tracer.leaves("control", self.motion.controls), piece.tracer.leaf("lapse", 0, settled=True)
 
-    def has(self, values: Row) -> Symbol:
-        """Whether a run has any of a reading."""
+    def has(self, values: Row) -> Symbol | None:
+        """Whether a run has any of a reading; None: each does."""
+        if not self.masked:
+            return None
         present = [value == value for value in values]
         found = present[0]
         for other in present[1:]:
@@ -178,8 +182,8 @@ class Steps:
         return found
 
 
-def unless(condition: Symbol, piece: Piece, entry: Any, otherwise: float) -> Any:
-    """An entry, or a number where the condition is true."""
-    if is_zero(entry) and otherwise == 0.0:
-        return 0.0
+def unless(condition: Symbol | None, piece: Piece, entry: Any, otherwise: float) -> Any:
+    """An entry, or a number where the condition is true; None: it never is."""
+    if condition is None or (is_zero(entry) and otherwise == 0.0):
+        return entry
     return piece.choose(condition, otherwise, entry)

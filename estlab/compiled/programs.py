@@ -31,7 +31,7 @@ _POINTERS = frozenset(FIELDS) - {
 }  # fmt: skip
 
 
-def accesses(lanes: int, each_control: bool, each_noise: bool, coordinates: int) -> dict[str, Access]:
+def accesses(lanes: int, each_control: bool, each_noise: bool, each_place: bool, coordinates: int) -> dict[str, Access]:
     """How all that pieces load and store lies in memory."""
     return {
         "belief": Access("lanes", str(lanes)),
@@ -40,7 +40,7 @@ def accesses(lanes: int, each_control: bool, each_noise: bool, coordinates: int)
         "control": Access("lanes" if each_control else "one", "%control_stride"),
         "noise": Access("lanes" if each_noise else "one", "%noise_stride"),
         "value": Access("lanes", "%value_stride"),
-        "place": Access("place", "%place_stride", max(coordinates, 1)),
+        "place": Access("place" if each_place else "same_place", "%place_stride", max(coordinates, 1)),
         "mean": Access("lanes", "%history_stride"),
         "cov": Access("lanes", "%history_stride"),
         "whitened": Access("lanes", "%value_stride"),

@@ -21,7 +21,7 @@ from estlab.compiled.algebra import (
 from estlab.compiled.models import root, wrapped
 from estlab.compiled.moments import Moments, deviations, factored
 from estlab.compiled.pieces import Piece, PointSet, Steps, unless
-from estlab.compiled.updates import fit, reading_of, refused, without
+from estlab.compiled.updates import either, fit, reading_of, refused, without
 
 
 class Deviations(NamedTuple):
@@ -111,9 +111,12 @@ def updated_root(steps: Steps, piece: Piece) -> None:
     less = matmul(kalman_gain, of_value)
     left = [[minus(x, z) for x, z in zip(xs, zs, strict=True)] for xs, zs in zip(found.of_state, less, strict=True)]
     rest = triangle(beside(left, matmul(kalman_gain, noise)), piece.failed, root)
-    kept = ~steps.has(reading.values)
-    kept = kept if gated is None else kept | gated
-    after = [[piece.choose(kept, matrix[i][j], rest[i][j]) if j <= i else 0.0 for j in range(n)] for i in range(n)]
+    has = steps.has(reading.values)
+    kept = either(None if has is None else ~has, gated)
+    after = lower(matrix)
+    for i in range(n):
+        for j in range(i + 1):
+            after[i][j] = rest[i][j] if kept is None else piece.choose(kept, matrix[i][j], rest[i][j])
     piece.keep(wrapped(sensor.state, moved), after)
     fit(steps, piece, reading, whitened, [factor[a][a] for a in range(m)], gated)
 

@@ -28,7 +28,7 @@ class Reading(NamedTuple):
     """What was measured (m numbers), what of it is missing, and the places it is about."""
 
     values: Row
-    missing: list[Symbol]
+    missing: list[Symbol | None]
     places: list[Row]
 
 
@@ -50,7 +50,8 @@ def reading_of(steps: Steps, piece: Piece) -> Reading:
         [tracer.leaf("place", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
         for k in range(sensor.count)
     ]
-    return Reading(values, [value != value for value in values], places)
+    missing = [value != value if steps.masked else None for value in values]  # which NaN is
+    return Reading(values, missing, places)
 
 
 def updated(steps: Steps, piece: Piece) -> None:
@@ -107,20 +108,31 @@ def condition(
     return Found(wrapped(sensor.state, moved), shrunk, whitened, [factor[a][a] for a in range(m)], gated)
 
 
-def without(piece: Piece, cov: Matrix, missing: list[Symbol]) -> Matrix:
+def either(a: Symbol | None, b: Symbol | None) -> Symbol | None:
+    """Whether one of two conditions is true, of which None never is."""
+    if a is None or b is None:
+        return b if a is None else a
+    found: Symbol = a | b
+    return found
+
+
+def without(piece: Piece, cov: Matrix, missing: list[Symbol | None]) -> Matrix:
     """A covariance in which what is missing is independent and of unit variance."""
 
     def entry(i: int, j: int) -> Any:
-        return unless(missing[i] if i == j else missing[i] | missing[j], piece, cov[i][j], float(i == j))
+        return unless(missing[i] if i == j else either(missing[i], missing[j]), piece, cov[i][j], float(i == j))
 
     return symmetric(len(cov), entry)
 
 
-def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol]) -> Symbol:
+def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol | None]) -> Symbol:
     """Whether the squared length of the innovation lies beyond the gate's quantile for so many numbers."""
     nis = total(entry * entry for entry in whitened)
-    count = total(piece.choose(absent, 0.0, 1.0) for absent in missing)
     limit: Any = math.inf
+    if not steps.masked:
+        limit = steps.parameters.leaf(piece.tracer, f"quantile {len(missing)}", steps.quantiles[len(missing)])
+        missing = []
+    count = total(unless(absent, piece, 1.0, 0.0) for absent in missing)
     for k in range(1, len(missing) + 1):
         quantile = steps.parameters.leaf(piece.tracer, f"quantile {k}", steps.quantiles[k])
         limit = piece.choose(count == float(k), quantile, limit)
@@ -131,9 +143,9 @@ def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol]) ->
 def fit(steps: Steps, piece: Piece, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None) -> None:
     """How the reading fitted; NaN where nothing was measured or used."""
     for a, absent in enumerate(reading.missing):
-        unused = absent if gated is None else absent | gated
-        piece.outputs.append(("whitened", a, piece.choose(unused, math.nan, whitened[a])))
-        piece.outputs.append(("log_scale", a, piece.choose(unused, math.nan, scales[a].log())))
+        unused = either(absent, gated)
+        piece.outputs.append(("whitened", a, unless(unused, piece, whitened[a], math.nan)))
+        piece.outputs.append(("log_scale", a, unless(unused, piece, scales[a].log(), math.nan)))
     if gated is not None:
         at = slots(steps.n) - 1
         count = piece.tracer.leaf("belief", at)

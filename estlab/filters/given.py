@@ -42,7 +42,8 @@ class Shape:
     """What the text of a program depends on, besides filter and models.
 
     controls: components of a command. each_control, each_noise: whether runs have their own. noise: the entries of the
-    process noise that are not zero. count: readings taken as one. lanes: runs at once.
+    process noise that are not zero. count: readings taken as one. masked: whether numbers of readings are missing.
+    each_place: whether a reading of one run may be about another place than of the next. lanes: runs at once.
     """
 
     controls: int
@@ -50,6 +51,8 @@ class Shape:
     noise: tuple[tuple[int, int], ...]
     each_noise: bool
     count: int
+    masked: bool
+    each_place: bool
     lanes: int
 
 
@@ -76,5 +79,7 @@ class Given:
             self.table.places,
             self.table.entries.shape[2] > 1,
             self.stack.count,
+            bool(np.isnan(self.stack.values).any()),
+            bool((self.stack.target != self.stack.target[..., :1]).any()),
             lanes,
         )

@@ -33,7 +33,8 @@ class Program:
             pieces["record"] = kernels.record(steps, gated)
             if work.scheme == "interleaved":
                 pieces["pause"] = kernels.predict(steps, paused=True)
-        access = accesses(shape.lanes, shape.each_control, shape.each_noise, work.sensor.places.shape[0])
+        coordinates = work.sensor.places.shape[0]
+        access = accesses(shape.lanes, shape.each_control, shape.each_noise, shape.each_place, coordinates)
         self.lanes = shape.lanes
         self.text = (smoothing if smooth else filtering)(pieces, access, steps.n, shape.lanes)
         self.parameters = np.array([*steps.parameters.values, 0.0])
@@ -62,6 +63,7 @@ def _steps(work: Work, shape: Shape) -> Steps:
         shape.noise,
         (cov.tolist(), cholesky(cov).tolist()),
         quantiles.tolist(),
+        shape.masked,
     )
 
 

@@ -53,6 +53,6 @@ def _sinc(a: Array) -> Array:
 
 def _sinc_slope(a: Array, shape: Array) -> Array:
     """The derivative of shape = sin(a) / a."""
-    square = a * a
+    square, safe = a * a, a + _LEAST
     series = a * (square * (1.0 / 30.0 - square * (1.0 / 840.0)) - 1.0 / 3.0)
-    return np.where(square < _SMALL * _SMALL, series, (np.cos(a) - shape) / (a + _LEAST))
+    return np.where(square < _SMALL * _SMALL, series, (np.cos(safe) - shape) / safe)
