@@ -124,10 +124,8 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
 def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    models, scheme = problem.models_of(scenario, noise, places), problem.scheme_of(scenario)
-    if settings.engine == "numpy":
-        return Loop(filter, *models, *scheme)
-    return CompiledLoop(filter, *models, *scheme, insist=settings.engine == "compiled")
+    parts = filter, *problem.models_of(scenario, noise, places), *problem.scheme_of(scenario)
+    return Loop(*parts) if settings.engine == "numpy" else CompiledLoop(*parts, insist=settings.engine == "compiled")
 
 
 _loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
