@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estlab import rundir
 from estlab.report.figures import png, said
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     import pandas as pd
 
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
-    table = (table[table["status"] == "ok"] if "status" in table else table).copy()
+    table = (table[table["status"].isin(rundir.WHOLE)] if "status" in table else table).copy()
     numbers = [key for key in keys if _is_numeric(table[key]) and table[key].nunique() > 1]
     numbers = sorted(numbers, key=lambda key: -table[key].nunique())
     numbers, others = numbers[:2], [key for key in keys if key not in numbers[:2]]

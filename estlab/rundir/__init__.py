@@ -24,7 +24,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import State, at_work, end
+from estlab.rundir.status import STATES, WHOLE, State, at_work, end, state_of
 
 __all__ = [
     "COMPARISON",
@@ -44,13 +44,16 @@ __all__ = [
     "PLOTS",
     "RUN",
     "RUNS",
+    "STATES",
     "STATUS",
     "TESTS",
     "VERDICTS",
+    "WHOLE",
     "RunDirectory",
     "State",
     "at_work",
     "end",
     "hashes",
     "link_latest",
+    "state_of",
 ]
