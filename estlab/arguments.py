@@ -41,7 +41,7 @@ def prepared(arguments: list[str]) -> list[str]:
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
         _check_installed(argument)
-    return _of_a_sweep(_expectations(_several_filters(arguments)))
+    return _of_a_sweep(_file_names(_expectations(_several_filters(arguments))))
 
 
 def _of_a_sweep(arguments: list[str]) -> list[str]:
@@ -70,6 +70,11 @@ def _expectations(arguments: list[str]) -> list[str]:
             key, value = match.groups()
             written += [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
     return written
+
+
+def _file_names(arguments: list[str]) -> list[str]:
+    """data.files.truth=mine.mat as what Hydra takes for it: a key that is new."""
+    return [re.sub(r"^\+{0,2}(data\.files\.[^=]+=)", r"++\1", argument) for argument in arguments]
 
 
 def _check_installed(argument: str) -> None:

@@ -5,11 +5,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import BinaryIO, TypeVar
 
+import numpy as np
+
 from estlab.errors import IncompleteError, printable
 from estlab.rundir import RunDirectory
 
 Made = TypeVar("Made")
 
+# What is made of runs that diverge is NaN or infinite, and they are counted: no arithmetic is worth a warning here.
+_quietly = partial(np.errstate, invalid="ignore", over="ignore", divide="ignore")
 _SAID = 200  # characters of a reason
 
 log = logging.getLogger("estlab")
@@ -29,7 +33,8 @@ class Attempts:
     def made(self, what: str, make: Callable[[], Made], needed: bool = False) -> Made | None:
         """What ``make`` gives; None where it raises. needed: whether a run without it is incomplete."""
         try:
-            return make()
+            with _quietly():
+                return make()
         except Warning:
             raise  # whoever turns warnings into errors wants to see them
         except (Exception, SystemExit) as error:
@@ -43,7 +48,8 @@ class Attempts:
     def show(self, what: str, show: Callable[[], object], needed: bool = False) -> None:
         """Print or write something. Raises OSError, which says of the terminal or disk that it is gone."""
         try:
-            show()
+            with _quietly():
+                show()
         except (Warning, OSError):
             raise
         except (Exception, SystemExit) as error:

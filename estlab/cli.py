@@ -12,6 +12,7 @@ from estlab.cores import one_thread_each
 from estlab.errors import UserError
 from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
 from estlab.paths import conf_folder
+from estlab.warned import in_a_line
 
 HELP = """\
 estlab: a command-line laboratory for nonlinear state estimation
@@ -47,7 +48,8 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # a terminal without a dot in the middle shows another sign
     one_thread_each()
     try:
-        return _dispatch(arguments)
+        with in_a_line(complain):
+            return _dispatch(arguments)
     except UserError as error:
         return complain(str(error))
     except KeyboardInterrupt:

@@ -18,13 +18,14 @@ from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
 from estlab.metrics.each_run import EachRun
 from estlab.metrics.pairwise import Pairwise
-from estlab.metrics.scores import Limits
+from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
 from estlab.scenarios.contract import History
 from estlab.workers import Workers
 
 SMOOTHED = "_smoothed"
+_CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 
 log = logging.getLogger("estlab")
 
@@ -82,6 +83,7 @@ class Ensemble:
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @quietly
     def add(self, number: int, block: Block) -> None:
         """Take in a block, once."""
         if isinstance(block.totals, str):
@@ -93,6 +95,7 @@ class Ensemble:
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @cached_property
+    @quietly
     def total(self) -> Totals:
         """Of all blocks. Raises RuntimeError where a block's could not be computed."""
         if self.failure:
@@ -124,7 +127,8 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     streams = Streams(settings.seed, names.scenario)
     data = settings.data
     if data.source == "files":
-        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs)
+        options = (data.options,) if settings.scenario.file_names else ()
+        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
         record = settings.scenario.simulate(streams, runs, settings.noise.truth)
     return record.first(settings.steps)
@@ -171,7 +175,8 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
         draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
         loop.prepare(record, draws)
         began = time.perf_counter()
-        found |= _found(loop, name, record, draws, tick, settings.smooth)
+        watched = min(settings.keep_runs, _CLOUDS) if number == 0 else 0
+        found |= _found(loop, name, record, draws, tick, settings.smooth, watched)
         seconds[name] = time.perf_counter() - began
     kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
     try:
@@ -203,7 +208,8 @@ def _totals(settings: Settings, record: Record, found: dict[str, Estimates], blo
 def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
 
-    mean and cov for one filter, <filter>.mean and <filter>.cov for several.
+    mean and cov for one filter, <filter>.mean and <filter>.cov for several; of a particle filter a sample of the
+    cloud at some steps beside them, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
     """
     readings, record = ensemble.record.readings, ensemble.record
     count = next(iter(ensemble.kept.values()))["truth"].shape[2]
@@ -219,34 +225,34 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     }
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
-        arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
+        arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
     sums = {} if ensemble.failure else ensemble.total.sums
     return arrays | {f"shown.{name}": array for name, array in (record.shown | sums).items()}
 
 
-def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:
-    """The first run of a filter, from the arrays of estimates.npz."""
+def history_of(arrays: dict[str, Array], name: str, filters: int, place: int = 0) -> History:
+    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
     prefix = f"{name}." if filters > 1 else ""
     shown = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
     return History(
         time=arrays["time"],
-        truth=arrays["truth"][..., 0],
-        mean=arrays[f"{prefix}mean"][..., 0],
-        cov=arrays[f"{prefix}cov"][..., 0],
+        truth=arrays["truth"][..., place],
+        mean=arrays[f"{prefix}mean"][..., place],
+        cov=arrays[f"{prefix}cov"][..., place],
         step=arrays["step"],
-        values=arrays["values"][..., 0],
-        target=arrays["target"][..., 0],
+        values=arrays["values"][..., place],
+        target=arrays["target"][..., place],
         places=arrays["places"],
         shown=shown,
-        run=int(arrays["run"][0]),
+        run=int(arrays["run"][place]),
     )
 
 
 def _found(
-    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool
+    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool, watched: int
 ) -> dict[str, Estimates]:
     if not smooth:
-        return {name: loop.estimate(record, draws, tick)}
+        return {name: loop.estimate(record, draws, tick, watched)}
     filtered, smoothed = loop.estimate_and_smooth(record, draws, tick)
     return {name: filtered, name + SMOOTHED: smoothed}
 
@@ -256,4 +262,5 @@ def _kept(record: Record, estimates: Estimates, count: int) -> dict[str, Array]:
         "truth": record.truth[:, :, :count],
         "mean": estimates.mean[:, :, :count],
         "cov": estimates.cov[:, :, :, :count],
+        **{f"cloud.{key}": array for key, array in estimates.cloud.items()},
     }

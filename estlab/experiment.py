@@ -29,6 +29,7 @@ def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
     if settings.data.path is not None and settings.data.source == "simulated":
         raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
+    _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
         raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
@@ -57,6 +58,15 @@ def check(settings: Settings, names: Names) -> None:
                 raise UserError(f"smooth=true with {name}: {error}") from error
     endings = ("", SMOOTHED) if settings.smooth else ("",)
     expectations.parse(settings.expect, [name + end for name in filters_of(settings, names) for end in endings])
+
+
+def _check_file_names(settings: Settings) -> None:
+    kinds = list(settings.scenario.file_names)
+    for kind, name in settings.data.files.items():
+        if settings.data.source == "simulated":
+            raise UserError(f"data.files.{kind}={name} would not be read: add data=files")
+        if kind not in kinds:
+            raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
 
 
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:

@@ -1,9 +1,10 @@
 """Groups of keys that no class of the laboratory's own has: noise, data, sweep."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from estlab.scenarios.contract import Scales
+from estlab.datasets.files import Options
+from estlab.scenarios.contract import Scales, check_positive
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,20 @@ class Data:
     source: Literal["simulated", "files"]
     path: str | None
     prefix: str
+    # Run directories of earlier versions have none of these.
+    files: dict[str, str] = field(default_factory=dict)
+    clock_faults: float = Options.clock_faults
+    clock_gap: float = Options.clock_gap
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.clock_faults <= 1.0:
+            raise ValueError(f"clock_faults must be a share from 0 to 1, got {self.clock_faults:g}")
+        check_positive(clock_gap=self.clock_gap)
+
+    @property
+    def options(self) -> Options:
+        """How recordings are read."""
+        return Options(self.files, self.clock_faults, self.clock_gap)
 
 
 @dataclass(frozen=True)

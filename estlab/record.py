@@ -93,6 +93,8 @@ class Estimates:
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     gate: the share of right readings that were let through, None for all.
+    cloud: of a belief that is a cloud of points, a sample of it in the first runs at some steps: step (K,), points
+    (n, K, S, runs) and weights (K, S, runs). Else empty.
     """
 
     mean: Array
@@ -102,3 +104,4 @@ class Estimates:
     sample: Array | None
     notes: dict[str, Array]
     gate: float | None = None
+    cloud: dict[str, Array] = field(default_factory=dict)

@@ -126,13 +126,15 @@ def _data_path(before: "Finished", was: str, typed: str | None) -> str:
     """
     files = [Path(file) for file in before.data]
     recorded = Path(was)
-    for place in [p for file in files[:1] for p in (file, *file.parents)]:
+    for place in [p for file in files for p in (file, *file.parents)]:
         if place.parts[-len(recorded.parts) :] == recorded.parts:
             recorded = place
             break
     path = Path(typed) if typed else Path(was) if Path(was).exists() else recorded
     for file, digest in zip(files, before.data.values(), strict=True):
         here = path / (file.relative_to(recorded) if file.is_relative_to(recorded) else file.name)
+        if not here.exists() and not file.is_relative_to(recorded):
+            here = file  # of a folder of its own, by data.files
         if not here.is_file():
             raise UserError(f"{here}: the data file is gone; give its folder as data.path=FOLDER")
         with open(here, "rb") as stream:

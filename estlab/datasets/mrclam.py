@@ -3,32 +3,50 @@
 Leung, Halpern, Barfoot and Liu 2011, "The UTIAS multi-robot cooperative localization and mapping dataset".
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from estlab.datasets.tables import check_times, format_table, line_of_row, read_table
+from estlab.datasets.clocks import in_order, one_remark
+from estlab.datasets.files import DEFAULTS, Files, Options
+from estlab.datasets.promises import Column, check_headings
+from estlab.datasets.tables import format_table, place, read_table
 from estlab.datasets.whole import write_text
 from estlab.errors import UserError
 from estlab.maths.space import Array
 
 FIRST_LANDMARK = 6  # subjects 1 to 5 are robots
 
-_ODOMETRY = ("time", "v", "w")
-_MEASUREMENT = ("time", "barcode", "range", "bearing")
-_GROUNDTRUTH = ("time", "x", "y", "heading")
-_LANDMARKS = ("subject", "x", "y", "sd_x", "sd_y")
-_BARCODES = ("subject", "barcode")
+# The names of each file: some courses call odometry control.
+LAYOUT = {
+    "odometry": ("Odometry.dat", "Control.dat"),
+    "measurement": ("Measurement.dat",),
+    "groundtruth": ("Groundtruth.dat",),
+    "landmark_groundtruth": ("Landmark_Groundtruth.dat",),
+    "barcodes": ("Barcodes.dat",),
+}
+_COMMON = ("landmark_groundtruth", "barcodes")  # to all robots
+_TIME = Column("time")
+_COLUMNS = {
+    "odometry": (_TIME, Column("v"), Column("w", angle=True)),
+    "measurement": (_TIME, Column("barcode"), Column("range", distance=True), Column("bearing", angle=True)),
+    "groundtruth": (_TIME, Column("x"), Column("y"), Column("heading")),
+    "landmark_groundtruth": tuple(Column(name) for name in ("subject", "x", "y", "sd_x", "sd_y")),
+    "barcodes": (Column("subject"), Column("barcode")),
+}
+_WHOLE = {"measurement": slice(1, 2), "barcodes": slice(0, 2), "landmark_groundtruth": slice(0, 1)}
 
 
 @dataclass(frozen=True)
 class Recording:
     """One robot's files.
 
-    odometry: (N, 3) time [s], v [m/s], w [rad/s]. truth: (N, 4) time, x, y [m], heading [rad].
+    odometry: (N, 3) time [s], v [m/s], w [rad/s]. truth: (N, 4) time, x, y [m], heading [rad]; N = 0 without a file.
     reading_time: (N,); readings: (2, N) range [m], bearing [rad]; target: (N,) index into landmarks.
-    landmarks: (2, L) [m]; subjects: (L,) their numbers; barcodes: (L,).
+    landmarks: (2, L) [m]; subjects: (L,) their numbers; barcodes: (L,). paths: of the files, by kind.
     """
 
     odometry: Array
@@ -39,43 +57,48 @@ class Recording:
     landmarks: Array
     subjects: Array
     barcodes: Array
-    files: tuple[Path, ...]
+    paths: Mapping[str, Path]
     remarks: tuple[str, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files."""
+        return tuple(self.paths.values())
 
-def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
+
+def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEFAULTS) -> Recording:
     """Read one robot's files. Readings of other robots are left out, and unknown barcodes up to a share of all.
 
-    Files common to all robots are found with the prefix or without it.
+    Files common to all robots are found with the prefix or without it; that of the truth may be missing. Rows whose
+    times repeat or step back are left out, up to a share; readings may share a time.
     Raises UserError, naming the file, where one is missing or not as the layout says.
     """
-    paths = {kind: _find(folder, prefix, kind) for kind in ("Odometry", "Measurement", "Groundtruth")}
-    for kind in ("Landmark_Groundtruth", "Barcodes"):
-        paths[kind] = _find(folder, prefix, kind, shared=True)
-    odometry = read_table(paths["Odometry"], _ODOMETRY)
-    measurement = read_table(paths["Measurement"], _MEASUREMENT)
-    truth = read_table(paths["Groundtruth"], _GROUNDTRUTH)
-    landmarks = read_table(paths["Landmark_Groundtruth"], _LANDMARKS)
-    barcodes = read_table(paths["Barcodes"], _BARCODES)
-    check_times(paths["Odometry"], odometry[:, 0])
-    check_times(paths["Measurement"], measurement[:, 0], repeats=True)
-    check_times(paths["Groundtruth"], truth[:, 0])
-
-    _check_values(paths, odometry, measurement, truth, barcodes, landmarks)
+    paths, remarks = _paths(Files(folder, prefix, LAYOUT, options.names))
+    tables = {kind: read_table(path, _COLUMNS[kind]) for kind, path in paths.items()}
+    _check_values(paths, tables)
+    codes = tables["measurement"][:, 1].astype(int)
+    barcodes, landmarks = tables["barcodes"], tables["landmark_groundtruth"]
     subject_of = {int(code): int(subject) for subject, code in barcodes}
     index_of = {int(subject): i for i, subject in enumerate(landmarks[:, 0])}
     unplaced = [s for s in subject_of.values() if s >= FIRST_LANDMARK and s not in index_of]
     if unplaced:
         raise UserError(
-            f"{paths['Landmark_Groundtruth']}: no row for subject {unplaced[0]}, which {paths['Barcodes'].name} names"
+            f"{paths['landmark_groundtruth']}: no row for subject {unplaced[0]}, which {paths['barcodes'].name} names"
         )
-    codes = measurement[:, 1].astype(int)
-    remarks = _check_barcodes(paths["Measurement"], paths["Barcodes"], codes, set(subject_of), unknown_share)
-    subjects = np.array([subject_of.get(int(code), 0) for code in codes])
+    remarks += _check_barcodes(paths["measurement"], paths["barcodes"], codes, set(subject_of), unknown_share)
+    rows, notes = _ordered(paths, tables, options.clock_faults)
+    odometry, truth = tables["odometry"][rows["odometry"]], np.empty((0, 4))
+    if "groundtruth" in paths:
+        truth = tables["groundtruth"][rows["groundtruth"]]
+        check_headings(
+            truth[:, 3], truth[:, 1], truth[:, 2], lambda i: place(paths["groundtruth"], int(rows["groundtruth"][i]))
+        )
+    measurement = tables["measurement"][rows["measurement"]]
+    subjects = np.array([subject_of.get(int(code), 0) for code in measurement[:, 1]])
     kept = subjects >= FIRST_LANDMARK
     if not kept.any():
         raise UserError(
-            f"{paths['Measurement']}: no reading of a landmark; check that {paths['Barcodes'].name} belongs to it"
+            f"{paths['measurement']}: no reading of a landmark; check that {paths['barcodes'].name} belongs to it"
         )
     code_of = {subject: code for code, subject in subject_of.items()}
     return Recording(
@@ -87,8 +110,8 @@ def read(folder: Path, prefix: str, unknown_share: float) -> Recording:
         landmarks=landmarks[:, 1:3].T,
         subjects=landmarks[:, 0].astype(int),
         barcodes=np.array([code_of.get(int(s), 0) for s in landmarks[:, 0]]),
-        files=tuple(paths.values()),
-        remarks=remarks,
+        paths=paths,
+        remarks=(*remarks, *one_remark(notes)),
     )
 
 
@@ -97,62 +120,64 @@ def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
     landmarks = np.column_stack([recording.subjects, recording.landmarks.T, np.zeros((recording.subjects.size, 2))])
     measurement = np.column_stack([recording.reading_time, recording.barcodes[recording.target], recording.readings.T])
     tables = {
-        "Odometry": ("Time [s]    forward velocity [m/s]    angular velocity [rad/s]", recording.odometry),
-        "Measurement": ("Time [s]    Subject # (its barcode)    range [m]    bearing [rad]", measurement),
-        "Groundtruth": ("Time [s]    x [m]    y [m]    orientation [rad]", recording.truth),
-        "Landmark_Groundtruth": ("Subject #    x [m]    y [m]    x std-dev [m]    y std-dev [m]", landmarks),
-        "Barcodes": ("Subject #    Barcode #", np.column_stack([recording.subjects, recording.barcodes])),
+        "odometry": ("Time [s]    forward velocity [m/s]    angular velocity [rad/s]", recording.odometry),
+        "measurement": ("Time [s]    Subject # (its barcode)    range [m]    bearing [rad]", measurement),
+        "groundtruth": ("Time [s]    x [m]    y [m]    orientation [rad]", recording.truth),
+        "landmark_groundtruth": ("Subject #    x [m]    y [m]    x std-dev [m]    y std-dev [m]", landmarks),
+        "barcodes": ("Subject #    Barcode #", np.column_stack([recording.subjects, recording.barcodes])),
     }
     return [
         write_text(
-            folder / f"{prefix}{kind}.dat", format_table(("Simulated by estlab simulate", header), rows.astype(float))
+            folder / f"{prefix}{LAYOUT[kind][0]}",
+            format_table(("Simulated by estlab simulate", header), rows.astype(float)),
         )
         for kind, (header, rows) in tables.items()
     ]
 
 
-def _find(folder: Path, prefix: str, kind: str, shared: bool = False) -> Path:
-    candidates = [folder / f"{prefix}{kind}.dat", *([folder / f"{kind}.dat"] if shared else [])]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
-    if not folder.is_dir():
-        raise UserError(f"data.path: no folder {folder}")
-    if (folder / f"{prefix}Odometry.dat").is_file():
-        raise UserError(f"{candidates[0]}: no such file; it belongs with {prefix}Odometry.dat")
-    prefixes = sorted(p.name.removesuffix("Odometry.dat") for p in folder.glob("*Odometry.dat"))
-    known = (
-        f"set data.prefix to one of: {', '.join(repr(p) for p in prefixes)}"
-        if prefixes
-        else "the folder has no *Odometry.dat"
-    )
-    raise UserError(f"{candidates[0]}: no such file; {known}")
+def _paths(files: Files) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """The files by kind, and a remark if there is no truth."""
+    for kind in LAYOUT:
+        files.alone(kind)
+    paths = {kind: files.path(kind, kind in _COMMON) for kind in ("odometry", "measurement")}
+    truth = files.find("groundtruth")
+    if truth:
+        paths["groundtruth"] = truth
+    paths |= {kind: files.path(kind, kind in _COMMON) for kind in _COMMON}
+    return paths, () if truth else (f"nothing is scored: {files.lacks('groundtruth')}",)
 
 
-def _check_values(
-    paths: dict[str, Path], odometry: Array, measurement: Array, truth: Array, barcodes: Array, landmarks: Array
-) -> None:
-    for kind, numbers in (
-        ("Measurement", measurement[:, 1:2]),
-        ("Barcodes", barcodes),
-        ("Landmark_Groundtruth", landmarks[:, :1]),
-    ):
+def _ordered(
+    paths: Mapping[str, Path], tables: Mapping[str, Array], share: float
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Of each table with times, the rows that are kept; and what is said of the others."""
+    rows: dict[str, Array] = {}
+    notes: tuple[str, ...] = ()
+    for kind, path in paths.items():
+        if kind not in _COMMON:
+            time = tables[kind][:, 0]
+            rows[kind], said = in_order(time, partial(place, path), share, repeats=kind == "measurement")
+            notes += said
+            if rows[kind].size < 2 and kind != "measurement":
+                raise UserError(f"{path}: one row only; at least two are needed to know what is between them")
+    return rows, notes
+
+
+def _check_values(paths: Mapping[str, Path], tables: Mapping[str, Array]) -> None:
+    for kind, columns in _WHOLE.items():
+        numbers = tables[kind][:, columns]
         broken = ((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)).any(axis=1)
         _refuse(paths[kind], broken, "a subject or barcode is not a whole number")
-    _refuse(paths["Landmark_Groundtruth"], _again(landmarks[:, 0]), "this subject has a row already; leave one")
-    _refuse(paths["Barcodes"], _again(barcodes[:, 1]), "this barcode is another subject's already; each needs its own")
-    _refuse(
-        paths["Measurement"], measurement[:, 2] < 0.0, f"range is negative; the columns are {' '.join(_MEASUREMENT)}"
-    )
-    for kind, table in (("Groundtruth", truth), ("Odometry", odometry)):
-        if table.shape[0] < 2:
-            raise UserError(f"{paths[kind]}: one row only; at least two are needed to know what is between them")
+    again = _again(tables["landmark_groundtruth"][:, 0])
+    _refuse(paths["landmark_groundtruth"], again, "this subject has a row already; leave one")
+    again = _again(tables["barcodes"][:, 1])
+    _refuse(paths["barcodes"], again, "this barcode is another subject's already; each needs its own")
 
 
 def _refuse(path: Path, rows: Array, why: str) -> None:
     """Raise UserError for the first of these rows (N,), if there is one."""
     if rows.any():
-        raise UserError(f"{path}:{line_of_row(path, int(np.flatnonzero(rows)[0]))}: {why}")
+        raise UserError(f"{place(path, int(rows.argmax()))}: {why}")
 
 
 def _again(values: Array) -> Array:
@@ -166,7 +191,7 @@ def _check_barcodes(path: Path, barcodes: Path, codes: Array, known: set[int], u
     unknown = np.flatnonzero([int(code) not in known for code in codes])
     if not unknown.size:
         return ()
-    first = f"{path}:{line_of_row(path, int(unknown[0]))}: barcode {codes[unknown[0]]} is not in {barcodes.name}"
+    first = f"{place(path, int(unknown[0]))}: barcode {codes[unknown[0]]} is not in {barcodes.name}"
     if unknown.size > unknown_share * codes.size:
         raise UserError(
             f"{first}, as for {unknown.size} of {codes.size} readings; check it, or raise scenario.unknown_barcodes"

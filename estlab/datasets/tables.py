@@ -1,55 +1,54 @@
 """Tables of numbers in text files: columns in any white space or between delimiters, ``#`` begins a comment."""
 
-import math
+import io
+import itertools
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from estlab.datasets.files import read_bytes
+from estlab.datasets.promises import Column, check
 from estlab.errors import UserError
 from estlab.maths.space import Array
 
+_LONGEST = 2**16  # bytes of a line
 
-def read_table(path: Path, columns: tuple[str, ...], delimiter: str | None = None) -> Array:
+
+def read_table(path: Path, columns: Sequence[Column], delimiter: str | None = None, timed: bool = True) -> Array:
     """The numbers in a file, (rows, columns). delimiter: what stands between cells; None for white space.
 
+    timed: rows carry times, so that one may be removed; else each is a step.
     Raises UserError, naming file and line, where the file is missing or empty, a row has another number of cells,
-    or a cell is not a finite number.
+    or a cell is not the number that is promised.
     """
+    content = read_bytes(path)
+    signs = np.frombuffer(content, np.uint8)
+    ends = np.flatnonzero((signs == ord("\n")) | (signs == ord("\r")))
+    lengths = np.diff(np.concatenate([[-1], ends, [signs.size]]))
+    if lengths.max() > _LONGEST:
+        raise UserError(f"{path}:{int(lengths.argmax()) + 1}: a line of {lengths.max()} bytes; not a table of numbers")
     try:
+        text = io.StringIO(content.decode("utf-8-sig"), newline=None)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file is ours to report
-            table = np.loadtxt(path, ndmin=2, comments="#", delimiter=delimiter, encoding="utf-8-sig")
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
+            table = np.loadtxt(text, ndmin=2, comments="#", delimiter=delimiter)
     except ValueError as error:
         raise UserError(_first_fault(path, columns, delimiter)) from error
     if table.size == 0:
-        raise UserError(f"{path}: no data rows; expected the columns {' '.join(columns)}")
-    if table.shape[1] != len(columns) or not np.isfinite(table).all():
+        raise UserError(f"{path}: no data rows; expected the columns {_names(columns)}")
+    if table.shape[1] != len(columns):
         raise UserError(_first_fault(path, columns, delimiter))
+    check(columns, table.T, partial(place, path), timed)
     return np.asarray(table)
 
 
-def check_times(path: Path, time: Array, repeats: bool = False) -> None:
-    """Raise UserError, naming the line, unless times ascend; equal neighbours pass if ``repeats``."""
-    step = np.diff(time)
-    bad = np.flatnonzero(step < 0.0 if repeats else step <= 0.0)
-    if bad.size:
-        row = int(bad[0]) + 1
-        fault = "goes back" if step[row - 1] < 0.0 else "repeats the line before"
-        raise UserError(
-            f"{path}:{line_of_row(path, row)}: time {time[row]:.3f} {fault}; sort the file by its first column"
-        )
-
-
-def line_of_row(path: Path, row: int) -> int:
-    """The line number, from 1, of a data row, from 0."""
-    for position, (number, _) in enumerate(_data_lines(path)):
-        if position == row:
-            return number
-    return 0
+def place(path: Path, row: int) -> str:
+    """Where a data row, from 0, is: file and line, from 1."""
+    lines = (number for number, _ in _data_lines(path))
+    return f"{path}:{next(itertools.islice(lines, row, None), 0)}"
 
 
 def format_table(header: tuple[str, ...], rows: Array, delimiter: str = "\t") -> str:
@@ -70,23 +69,26 @@ def _shown(cell: str) -> str:
 
 
 def _data_lines(path: Path, delimiter: str | None = None) -> Iterator[tuple[int, list[str]]]:
-    with open(path, encoding="utf-8", errors="replace") as stream:
-        for number, line in enumerate(stream, start=1):
-            text = line.split("#", 1)[0].strip()
-            if text:
-                yield number, [cell.strip() for cell in text.split(delimiter)]
+    text = io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace"), newline=None)
+    for number, line in enumerate(text, start=1):
+        cells = line.split("#", 1)[0].strip()
+        if cells:
+            yield number, [cell.strip() for cell in cells.split(delimiter)]
 
 
-def _first_fault(path: Path, columns: tuple[str, ...], delimiter: str | None) -> str:
-    expected = f"expected the {len(columns)} columns {' '.join(columns)}"
+def _names(columns: Sequence[Column]) -> str:
+    return " ".join(column.name for column in columns)
+
+
+def _first_fault(path: Path, columns: Sequence[Column], delimiter: str | None) -> str:
+    expected = f"expected the {len(columns)} columns {_names(columns)}"
     for number, cells in _data_lines(path, delimiter):
         if len(cells) != len(columns):
             return f"{path}:{number}: {len(cells)} columns; {expected}"
-        for name, cell in zip(columns, cells, strict=True):
+        for column, cell in zip(columns, cells, strict=True):
             try:
-                finite = math.isfinite(float(cell))
+                float(cell)
             except ValueError:
-                return f"{path}:{number}: {name} is {_shown(cell)}, not a number; {expected}"
-            if not finite:
-                return f"{path}:{number}: {name} is {cell}; remove the row, a gap is better than a guess"
+                hint = "; write nan for what was not measured" if column.missing and not cell else ""
+                return f"{path}:{number}: {column.name} is {_shown(cell)}, not a number; {expected}{hint}"
     return f"{path}: not a text table of numbers; {expected}"

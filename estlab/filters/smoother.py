@@ -2,8 +2,20 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.linalg import cholesky, matvec, sandwich, solve_lower, solve_lower_transposed, symmetric, transpose
+from estlab.maths.linalg import (
+    ROUNDING,
+    cholesky,
+    matmul,
+    matvec,
+    sandwich,
+    solve_lower,
+    solve_lower_transposed,
+    symmetric,
+    transpose,
+)
 from estlab.maths.space import Array, Space
 from estlab.maths.transforms import Moments
 
@@ -26,13 +38,31 @@ def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> t
     for k in range(mean.shape[1] - 1, 0, -1):
         link = links[k]
         if link is not None:
-            # C P^-1 = (L^-T L^-1 C')' with P = L L'
-            factor = cholesky(link.after.cov)
-            half = solve_lower(factor, transpose(link.after.cross))
-            gain = transpose(solve_lower_transposed(factor, half))
+            gain = _gain(link.after)
             step = space.minus(later.mean, link.after.mean)
             before = space.plus(link.before.mean, matvec(gain, step))
             shrunk = link.before.cov + sandwich(gain, later.cov - link.after.cov)
             later = Gaussian(before, symmetric(shrunk))
         smoothed_mean[:, k - 1], smoothed_cov[:, :, k - 1] = later
     return smoothed_mean, smoothed_cov
+
+
+def _gain(after: Moments) -> Array:
+    """C P^-1 (n, n, runs). Where P is singular so is C, and any generalised inverse will do."""
+    factor = cholesky(after.cov)
+    # C P^-1 = (L^-T L^-1 C')' with P = L L'
+    gain = transpose(solve_lower_transposed(factor, solve_lower(factor, transpose(after.cross))))
+    every, slack = range(len(factor)), len(factor) * ROUNDING
+    singular = np.asarray(factor[every, every] ** 2 <= slack * after.cov[every, every]).any(axis=0)
+    if singular.any():
+        gain[..., singular] = matmul(after.cross[..., singular], _inverse(after.cov[..., singular], slack))
+    return gain
+
+
+def _inverse(cov: Array, slack: float) -> Array:
+    """A generalised inverse (n, n, N) of semidefinite matrices, by the eigenvalues of their correlations."""
+    scale = np.sqrt(cov[range(len(cov)), range(len(cov))])
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(np.moveaxis(cov / scale / scale[:, None], -1, 0))
+    spread = vectors * np.where(values > slack, 1.0 / values, 0.0)[:, None]
+    return np.asarray(np.moveaxis(spread @ vectors.swapaxes(1, 2), 0, -1) / scale / scale[:, None])

@@ -11,6 +11,9 @@ import numpy as np
 
 from estlab.maths.space import Array
 
+# Share of a variance, for each component of a matrix, by which rounding may miss what is left of it.
+ROUNDING = 16.0 * float(np.finfo(float).eps)
+
 
 def matmul(a: Array, b: Array) -> Array:
     """A B for (n, k, *batch) and (k, m, *batch), either of which may be constant."""
@@ -92,9 +95,11 @@ def symmetric(p: Array) -> Array:
 
 
 def cholesky(p: Array) -> Array:
-    """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive definite but for rows of zeros.
+    """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive semidefinite.
 
-    Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle.
+    Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle. A
+    component that varies with those before it alone has a pivot and a column of zeros: as in g g', the covariance of
+    position and velocity under white acceleration, whose factor has the one column g. See :func:`semidefinite`.
     """
     if p.ndim == 2:
         return _cholesky_of_one(p)
@@ -103,7 +108,7 @@ def cholesky(p: Array) -> Array:
         # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
         failed = ~np.isfinite(factor[-1:, -1:])[0, 0] if p.shape[0] else np.zeros(p.shape[2:], dtype=bool)
     if failed.any():
-        factor[:, :, failed] = _with_zeros(p[:, :, failed])
+        factor[:, :, failed] = _one_by_one(p[:, :, failed])
     return factor
 
 
@@ -118,8 +123,8 @@ def _by_columns(p: Array) -> Array:
     return factor
 
 
-def _with_zeros(p: Array) -> Array:
-    """One by one, for members (n, n, N) of which some have rows of zeros and others no factor."""
+def _one_by_one(p: Array) -> Array:
+    """For members (n, n, N) of which some have pivots of zero and others no factor."""
     return np.stack([_cholesky_of_one(p[:, :, i]) for i in range(p.shape[2])], axis=2)
 
 
@@ -144,9 +149,69 @@ def _cholesky_of_one(p: Array) -> Array:
             square -= left * left
         row.append(math.sqrt(square) if square >= 0.0 else math.nan)
         factor.append(row)
-    if not math.isfinite(factor[-1][-1]):
-        return np.full((n, n), np.nan)
-    return np.array([row + [0.0] * (n - len(row)) for row in factor])
+    if math.isfinite(factor[-1][-1]):
+        return np.array([row + [0.0] * (n - len(row)) for row in factor])
+    found = np.full((n, n), np.nan)
+    if np.isfinite(p).all():
+        semidefinite(p, found)
+    return found
+
+
+def semidefinite(p: Array, factor: Array) -> None:
+    """L lower with L L' = P in the place of ``factor`` (n, n), for P (n, n) of any rank; it stays where there is none.
+
+    Cholesky's factor with complete pivoting of the correlations, which shows the rank, and its rows made triangular by
+    the modified Gram-Schmidt method. Higham 2002, section 10.3; Bjoerck 1967. Without pivots what rounding leaves of
+    zeros is divided by what it leaves of others. A matrix further from semidefinite than rounding has no factor.
+
+    In plain numbers, since it is compiled too: estlab.filters.compiled.kernel.
+    """
+    n = p.shape[0]
+    slack = n * ROUNDING
+    rest, rows = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            size = math.sqrt(max(p[i, i], 0.0)) * math.sqrt(max(p[j, j], 0.0))
+            if size > 0.0:
+                rest[i, j] = rest[j, i] = p[i, j] / size
+            elif p[i, j] != 0.0:
+                return
+    for c in range(n):
+        best = 0
+        for i in range(n):
+            if rest[i, i] > rest[best, best]:
+                best = i
+        if rest[best, best] <= slack:
+            break
+        pivot = math.sqrt(rest[best, best])
+        for i in range(n):
+            rows[i, c] = rest[i, best] / pivot
+        for i in range(n):
+            for j in range(n):
+                rest[i, j] -= rows[i, c] * rows[j, c]
+    for i in range(n):
+        for j in range(n):
+            if abs(rest[i, j]) > slack:
+                return
+    for i in range(n):
+        scale = math.sqrt(p[i, i])
+        for k in range(i + 1):
+            along = 0.0
+            for c in range(n):
+                along += rows[i, c] * rows[k, c]
+            if k == i:
+                # What of the row lies along none before it: its length, to which it is scaled.
+                along = math.sqrt(along)
+                if along <= slack:
+                    along = 0.0
+                for c in range(n):
+                    rows[i, c] = rows[i, c] / along if along > 0.0 else 0.0
+            else:
+                for c in range(n):
+                    rows[i, c] -= along * rows[k, c]
+            factor[i, k] = scale * along
+        for k in range(i + 1, n):
+            factor[i, k] = 0.0
 
 
 def solve_lower(factor: Array, b: Array) -> Array:
@@ -186,12 +251,13 @@ def _alike(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def without(cov: Array, missing: Array) -> Array:
-    """A covariance (m, m, runs or nothing) in which what is missing (m, runs) is independent and of unit variance."""
-    whole = cov if cov.ndim > 2 else cov[..., None]
+    """A covariance (m, m, *batch or nothing) in which what is missing (m, *batch) is independent, of unit variance."""
+    more = missing.ndim - 1
+    whole = cov.reshape(*cov.shape, *(1,) * (more - cov.ndim + 2))
     if not missing.any():
         return whole
     either = missing[:, None] | missing[None, :]
-    return np.where(either, np.eye(missing.shape[0])[..., None], whole)
+    return np.where(either, np.eye(missing.shape[0]).reshape(*cov.shape[:2], *(1,) * more), whole)
 
 
 def diagonal(values: Array) -> Array:

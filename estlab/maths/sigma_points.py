@@ -168,9 +168,9 @@ class GaussHermite(SigmaPoints):
 
     def weights(self, n: int) -> Array:
         if self.order**n > 20_000:
+            fewer = "lower it, or set noise=additive" if 2**n <= 20_000 else "take another filter, such as ckf"
             raise ValueError(
-                f"order = {self.order} makes {self.order**n} points in {n} dimensions, more than 20000; "
-                "lower it, or set noise=additive"
+                f"order = {self.order} makes {self.order**n:.4g} points in {n} dimensions, more than 20000; {fewer}"
             )
         return _product_rule(self.order, n)[1]
 

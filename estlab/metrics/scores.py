@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estlab.maths.linalg import cholesky, solve_lower
+from estlab.maths.linalg import ROUNDING, cholesky, solve_lower
 from estlab.maths.space import Array, Space
 from estlab.metrics.laws import SIGMAS, nees_law, nis_mean
 from estlab.record import Estimates, Record
@@ -29,10 +29,10 @@ class Limits:
 class Scores:
     """Of a filter over a block; only what is finite is scored.
 
-    error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance. nees, with its
-    law's mean and variance: (T, runs), and inside: (3, T, runs). nis, nis_mean, measured: (T, runs), summed over the
-    step's readings, its law's mean, and how many numbers those were. distance: (T, runs) of the position, None where
-    there is none.
+    error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance, NaN where that has
+    no inverse. nees, with its law's mean and variance: (T, runs), and inside: (3, T, runs). nis, nis_mean, measured:
+    (T, runs), summed over the step's readings, its law's mean, and how many numbers those were. distance: (T, runs) of
+    the position, None where there is none.
     whitened: (m, N, runs). log_likelihood: (runs,) of all innovations used. not_finite, not_definite, lost: (runs,), no
     run in more than one.
     """
@@ -75,7 +75,8 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
     error = space.minus(estimates.mean, record.truth)
     sigma = np.sqrt(estimates.cov[range(space.size), range(space.size)])
     factor = cholesky(estimates.cov)
-    scaled = solve_lower(factor, error[:, None])[:, 0]
+    definite, regular = _rank(factor, estimates)
+    scaled = np.where(regular, solve_lower(factor, error[:, None])[:, 0], np.nan)
     nees = np.einsum("i...,i...->...", scaled, scaled)
     law = nees_law(nees, space.size, estimates.sample)
     nis, expected, measured = _per_step(record, estimates)
@@ -85,8 +86,7 @@ def score(space: Space, limits: Limits, record: Record, estimates: Estimates) ->
         known = np.isfinite(error[at]).all(axis=0) & np.isfinite(sigma[at]).all(axis=0)
         distance = np.where(known, np.sqrt((error[at] ** 2).sum(axis=0)), np.nan)
     finite = np.isfinite(estimates.mean).all(axis=0) & np.isfinite(estimates.cov).all(axis=(0, 1))
-    definite = np.asarray(np.einsum("ii...->i...", factor) > 0.0).all(axis=0)
-    not_finite, not_definite = _broken(np.asarray(finite), np.asarray(definite))
+    not_finite, not_definite = _broken(np.asarray(finite), definite)
     runs = nees.shape[1]
     return Scores(
         error=error,
@@ -168,8 +168,24 @@ def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array
     return nis, expected, measured
 
 
+def _rank(factor: Array, estimates: Estimates) -> tuple[Array, Array]:
+    """(T, runs) whether a covariance is one, given its factor, and whether it has an inverse, which NEES takes.
+
+    Without an inverse it is sound where part of the state is known exactly, such as a start, and no noise has reached
+    it. That of a sample of no more states than components says that the cloud has collapsed.
+    """
+    n = factor.shape[0]
+    pivots = np.einsum("ii...->i...", factor)
+    sound = np.asarray(np.isfinite(pivots)).all(axis=0)
+    if estimates.sample is None:
+        variances = np.einsum("ii...->i...", estimates.cov)
+        return np.asarray(sound), np.asarray(np.all(pivots**2 > n * ROUNDING * variances, axis=0))
+    regular = np.asarray(np.all(pivots > 0.0, axis=0))
+    return regular | (sound & (estimates.sample[0] > n)), regular
+
+
 def _broken(finite: Array, definite: Array) -> tuple[Array, Array]:
-    """(runs,) which beliefs (T, runs) first were not finite, and which first were finite but not positive definite."""
+    """(runs,) which beliefs (T, runs) first were not finite, and which first were finite but no covariance."""
     sound = finite & definite
     first = (~sound).argmax(axis=0)
     broken = ~sound.all(axis=0)

@@ -2,10 +2,10 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -54,7 +54,13 @@ class History:
 
 
 class Scenario(ABC):
-    """A problem: its spaces and models, where its records come from, and how it looks."""
+    """A problem: its spaces and models, where its records come from, and how it looks.
+
+    file_names: of its recordings, the names that each kind of file may have, the original's first. Where there are
+    some, :meth:`read` takes estlab.datasets.files.Options as its fifth argument.
+    """
+
+    file_names: ClassVar[Mapping[str, Sequence[str]]] = {}
 
     @property
     def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
@@ -91,6 +97,8 @@ class Scenario(ABC):
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
         """The recording in a folder, in the original file layout; the runs differ in the prior's error alone.
 
+        folder: may be the file itself where one is all there is.
+
         Raises UserError that names the file and the remedy.
         """
         raise UserError(f"{type(self).__name__} reads no files; run it with data=simulated")
@@ -100,7 +108,11 @@ class Scenario(ABC):
         raise UserError(f"{type(self).__name__} has no file layout to write")
 
     def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
-        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
+        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies.
+
+        The axes are of the first two components of the position, or of time and a position of one. Clouds are drawn
+        over the same.
+        """
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """A table of the problem's own, by column, for the terminal and <scenario>.csv; empty for none."""

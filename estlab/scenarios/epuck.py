@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from estlab.datasets import epuck as files
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.linalg import cholesky
@@ -40,6 +41,8 @@ _HEADING_SD = np.radians(10.0)  # of the initial estimate, in the document
 @dataclass(frozen=True)
 class Epuck(Scenario):
     """Position fixes of a robot whose speed and heading walk at random."""
+
+    file_names = files.LAYOUT
 
     dt: float
     duration: float
@@ -100,11 +103,19 @@ class Epuck(Scenario):
         record = self._record(truth, fixes, alpha[:, 0])
         return replace(record, origin=begin) if self._has_bound(noise) else record
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        recording = files.read(folder, prefix)
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        remark = "the files hold no truth: nothing is scored; alpha, measured too, is shown beside the estimates"
-        return self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.files, (remark,))
+        shown = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
+        return replace(
+            record,
+            files=recording.files,
+            remarks=(f"the files hold no truth: nothing is scored{shown}", *recording.remarks),
+            repeated=True,
+        )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         if record.time.size < 2:
@@ -121,7 +132,11 @@ class Epuck(Scenario):
         names = ("RMS to the fixes [cm]", "largest distance [cm]", "RMS to alpha [rad]", "RMS turn a step [rad]")
         return {
             f"run {next(iter(histories.values())).run}": list(histories),
-            **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
+            **{
+                name: list(column)
+                for name, column in zip(names, zip(*rows, strict=True), strict=True)
+                if not np.isnan(column).all()
+            },
         }
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
@@ -140,10 +155,11 @@ class Epuck(Scenario):
             ms=4,
             label="from differences of the fixes; alpha",
         )
-        steady = np.unwrap(alpha)
-        below.plot(time, steady, ".", color="0.6", ms=4)
+        steady = _unrolled(alpha)
+        below.plot(time, np.where(np.isfinite(alpha), steady, np.nan), ".", color="0.6", ms=4)
         for axes in (above, below):
-            axes.set_ylim(*_with_room(axes.dataLim.intervaly))
+            if np.isfinite(axes.dataLim.intervaly).all():
+                axes.set_ylim(*_with_room(axes.dataLim.intervaly))
             axes.grid(alpha=0.3)
         if np.isfinite(first.truth).any():
             above.plot(first.time, first.truth[SPEED], color="black", lw=1.6, label="truth")
@@ -181,30 +197,23 @@ class Epuck(Scenario):
             goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _SPEED.size, goal)
         return camera.SPACE.plus(truth, np.zeros(1))
 
-    def _record(
-        self,
-        truth: Array,
-        fixes: Array,
-        alpha: Array,
-        read: tuple[Path, ...] = (),
-        remarks: tuple[str, ...] = (),
-    ) -> Record:
-        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too."""
-        time = self.dt * np.arange(fixes.shape[1])
+    def _record(self, truth: Array, fixes: Array, alpha: Array, first: int = 0) -> Record:
+        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too.
+
+        first: the number of its frame.
+        """
+        time = self.dt * (first + np.arange(fixes.shape[1]))
         steps = time.size - 1
         dx, dy = fixes[:, 1] - fixes[:, 0]
         begin = np.stack([*fixes[:, 0], np.hypot(dx, dy) / self.dt, np.arctan2(dy, dx)])
         return Record(
-            0.0,
+            float(time[0]),
             time[1:],
             truth[:, 1:],
             np.empty((0, steps, 1)),
             Readings(np.arange(steps), fixes[:, 1:], np.zeros((steps, fixes.shape[2]), dtype=int)),
             Gaussian(begin, self._initial_cov()),
-            read,
-            remarks,
             shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
-            repeated=bool(read),
         )
 
     def _has_bound(self, noise: Scales) -> bool:
@@ -232,6 +241,14 @@ def _until(history: History) -> tuple[Array, Array, Array]:
     """alpha, time and fixes of all frames up to the last step, the first frame included."""
     kept = slice(history.time.size + 1)
     return history.shown["alpha"][kept], history.shown["frame_time"][kept], history.shown["fixes"][:, kept]
+
+
+def _unrolled(alpha: Array) -> Array:
+    """alpha without jumps at the cut; where it was not measured, as between its neighbours."""
+    known = np.flatnonzero(np.isfinite(alpha))
+    if not known.size:
+        return np.zeros(alpha.size)
+    return np.interp(np.arange(alpha.size), known, np.unwrap(alpha[known]))
 
 
 def _near(heading: Array, about: Array) -> Array:

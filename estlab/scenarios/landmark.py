@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from estlab.datasets import mrclam
-from estlab.datasets.truth import on_timeline, trusted_heading
-from estlab.errors import UserError
+from estlab.datasets.files import DEFAULTS, Options
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
@@ -17,6 +16,7 @@ from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.landmark_files import timeline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +41,8 @@ _COMMANDS = np.array([[0.5, 0.0], [0.0, -0.5 / np.pi], [0.5, 0.0], [0.0, 0.5 / n
 @dataclass(frozen=True)
 class Landmark(Scenario):
     """Range and bearing to landmarks known by their barcodes; simulated room or MRCLAM files."""
+
+    file_names = mrclam.LAYOUT
 
     dt: float
     duration: float
@@ -114,38 +116,26 @@ class Landmark(Scenario):
         prior = self._prior(streams, runs, begin)
         return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, origin=begin)
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        recording = mrclam.read(folder, prefix, self.unknown_barcodes)
-        known = _trusted(recording.truth, self.truth_gap)
-        origin, start = self._start(recording, known)
-        odometry_time = recording.odometry[:, 0] - origin
-        reading_time = recording.reading_time - origin
-        late = reading_time > start
-        time = np.unique(np.concatenate([odometry_time[odometry_time > start], reading_time[late]]))
-        if not late.any() or time.size == 0:
-            taken, odometry = recording.files[1], recording.files[0]
-            raise UserError(
-                f"{taken}: no reading while the truth is known and {odometry.name} goes on; do their times agree?"
-            )
-        before = np.concatenate([[start], time[:-1]])
-        held = np.searchsorted(odometry_time, before, side="right") - 1
-        truth = self._truth_at(time + origin, recording.truth, known)
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = mrclam.read(folder, prefix, self.unknown_barcodes, options)
+        line = timeline(recording, self.truth_gap, options.clock_gap, self.measurement_sd)
         every = len(runs)
         readings = Readings(
-            np.searchsorted(time, reading_time[late]),
-            recording.readings[:, late, None].repeat(every, axis=2),
-            recording.target[late, None].repeat(every, axis=1),
+            line.step,
+            recording.readings[:, line.taken, None].repeat(every, axis=2),
+            recording.target[line.taken, None].repeat(every, axis=1),
         )
-        begin = self._truth_at(np.array([start + origin]), recording.truth, known).repeat(every, axis=1)
         return Record(
-            start,
-            time,
-            truth[:, :, None].repeat(every, axis=2),
-            recording.odometry[held, 1:].T[:, :, None],
+            line.start,
+            line.time,
+            line.truth[:, :, None].repeat(every, axis=2),
+            line.control[:, :, None],
             readings,
-            self._prior(streams, runs, begin),
+            self._prior(streams, runs, line.begin[:, None].repeat(every, axis=1), line.sds),
             recording.files,
-            (*recording.remarks, *_truth_remarks(truth)),
+            (*recording.remarks, *line.remarks),
             recording.landmarks,
             repeated=True,
         )
@@ -164,7 +154,7 @@ class Landmark(Scenario):
             landmarks=_LANDMARKS,
             subjects=mrclam.FIRST_LANDMARK + np.arange(_LANDMARKS.shape[1]),
             barcodes=_BARCODES,
-            files=(),
+            paths={},
         )
         return mrclam.write(recording, folder, prefix)
 
@@ -214,34 +204,9 @@ class Landmark(Scenario):
         reading, slot = np.nonzero(used.T)
         return Readings(when[reading], values[:, slot, reading], order[slot, reading])
 
-    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
-        cov = diagonal_cov(self.initial_sd)
-        if self.initial == "truth":
+    def _prior(self, streams: Streams, runs: Sequence[int], begin: Array, sds: Array | None = None) -> Gaussian:
+        """About the start, with initial_sd; with ``sds`` of their own where the start was told from readings."""
+        cov = diagonal_cov(self.initial_sd if sds is None else np.maximum(self.initial_sd, sds).tolist())
+        if self.initial == "truth" or sds is not None:
             return Gaussian(begin, cov)
         return Gaussian(draw(unicycle.SPACE, Gaussian(begin, cov), streams.normals("prior", runs, (3,))), cov)
-
-    def _truth_at(self, time: Array, truth: Array, known: Array) -> Array:
-        """Pose (3, T): NaN over gaps; a heading that is not to be trusted is NaN while the position stays."""
-        pose = on_timeline(time, truth[:, 0], truth[:, 1:].T, (2,), self.truth_gap)
-        good = on_timeline(time, truth[:, 0], known[None].astype(float), (), self.truth_gap)
-        pose[2, ~(good[0] == 1.0)] = np.nan
-        return pose
-
-    def _start(self, recording: mrclam.Recording, known: Array) -> tuple[float, float]:
-        """The origin of time, and the first odometry time after it at which the truth is known."""
-        time = recording.odometry[:, 0]
-        fixed = np.isfinite(self._truth_at(time, recording.truth, known)).all(axis=0)
-        if not fixed.any():
-            odometry, truth = recording.files[0], recording.files[2]
-            raise UserError(f"{truth}: no trusted truth at any time of {odometry.name}; is it another robot's?")
-        return float(time[0]), float(time[np.flatnonzero(fixed)[0]] - time[0])
-
-
-def _trusted(truth: Array, gap: float) -> Array:
-    time, x, y, heading = truth.T
-    return trusted_heading(time, x, y, heading, gap)
-
-
-def _truth_remarks(truth: Array) -> tuple[str, ...]:
-    place, heading = np.isfinite(truth[0]).mean(), np.isfinite(truth[2]).mean()
-    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}",) if heading < 1.0 else ()

@@ -110,16 +110,14 @@ def spoil_odometry(line: str | None) -> None:
     replace_line("Odometry.dat", 9, line)
 
 
-def shuffle_odometry() -> None:
-    path = Path("made/Odometry.dat")
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:8], lines[9], lines[8], *lines[10:]]))
+def reverse(name: str) -> None:
+    path = Path("made") / name
+    path.write_text("\n".join(reversed(path.read_text().splitlines())))
 
 
-def repeat_odometry() -> None:
-    path = Path("made/Odometry.dat")
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:9], lines[8], *lines[9:]]))
+def repeat(name: str) -> None:
+    path = Path("made") / name
+    path.write_text("\n".join(line for line in path.read_text().splitlines() for _ in range(2)))
 
 
 def unknown_barcodes() -> None:
@@ -137,8 +135,12 @@ FAULTS = {
     "too many columns": (lambda: spoil_odometry("1 2 3 4"), "made/Odometry.dat:9: 4 columns"),
     "not a number": (lambda: spoil_odometry("1.0 fast 0.1"), "made/Odometry.dat:9: v is 'fast', not a number"),
     "nan": (lambda: replace_line("Groundtruth.dat", 12, "1.0 nan 0 0"), "made/Groundtruth.dat:12: x is nan"),
-    "unsorted": (shuffle_odometry, "made/Odometry.dat:10: time 0.600 goes back; sort the file"),
-    "repeated": (repeat_odometry, "made/Odometry.dat:10: time 0.600 repeats the line before"),
+    "unsorted": (
+        lambda: reverse("Odometry.dat"),
+        "made/Odometry.dat:2: time 59.900 goes back, as others do: 600 of 601 would be left out; sort by time",
+    ),
+    "readings unsorted": (lambda: reverse("Measurement.dat"), "made/Measurement.dat"),
+    "repeated": (lambda: repeat("Groundtruth.dat"), "made/Groundtruth.dat:6: time 0.000 repeats the one before"),
     "empty": (lambda: Path("made/Measurement.dat").write_text(""), "made/Measurement.dat: no data rows"),
     "comments only": (
         lambda: Path("made/Groundtruth.dat").write_text("# nothing\n"),
@@ -148,7 +150,15 @@ FAULTS = {
     "unknown barcodes": (unknown_barcodes, "is not in Barcodes.dat"),
     "negative range": (
         lambda: replace_cell("Measurement.dat", 9, 2, "-2.0"),
-        "made/Measurement.dat:9: range is negative",
+        "made/Measurement.dat:9: range is -2, negative; the columns are time barcode range bearing",
+    ),
+    "bearings in degrees": (
+        lambda: replace_cell("Measurement.dat", 9, 3, "-31.5"),
+        "made/Measurement.dat:9: bearing is -31.5, more than a full turn; angles are in radians: convert degrees",
+    ),
+    "infinite range": (
+        lambda: replace_cell("Measurement.dat", 9, 2, "inf"),
+        "made/Measurement.dat:9: range is inf, not finite; remove the row",
     ),
     "barcode not whole": (
         lambda: replace_cell("Measurement.dat", 9, 1, "63.5"),
@@ -199,7 +209,6 @@ def replace_text(name: str, text: str) -> None:
 
 CSV_FAULTS = {
     "missing file": (lambda: Path("made/XYData_cm.csv").unlink(), "made/XYData_cm.csv: no such file"),
-    "missing headings": (lambda: Path("made/HeadingAngle_rad.csv").unlink(), "made/HeadingAngle_rad.csv: no such file"),
     "too few columns": (
         lambda: replace_line("XYData_cm.csv", 9, "1.5"),
         "made/XYData_cm.csv:9: 1 columns; expected the 2 columns x y",
@@ -212,7 +221,14 @@ CSV_FAULTS = {
     ),
     "empty cell": (lambda: replace_line("XYData_cm.csv", 7, "1.0,"), "made/XYData_cm.csv:7: y is '', not a number"),
     "header": (lambda: replace_line("XYData_cm.csv", 1, "x,y"), "made/XYData_cm.csv:1: x is 'x', not a number"),
-    "nan": (lambda: replace_line("HeadingAngle_rad.csv", 3, "nan"), "made/HeadingAngle_rad.csv:3: alpha is nan"),
+    "infinite": (
+        lambda: replace_line("HeadingAngle_rad.csv", 3, "inf"),
+        "made/HeadingAngle_rad.csv:3: alpha is inf, not finite; write nan for what was not measured",
+    ),
+    "no two fixes in a row": (
+        lambda: replace_text("XYData_cm.csv", "1,2\nnan,nan\n" * 90 + "1,2\n"),
+        "made/XYData_cm.csv: 181 rows; no two neighbours of the first 180 have a fix; at least 3 are needed",
+    ),
     "empty": (lambda: replace_text("XYData_cm.csv", ""), "made/XYData_cm.csv: no data rows; expected the columns x y"),
     "lengths differ": (
         lambda: replace_line("HeadingAngle_rad.csv", 181, None),

@@ -9,9 +9,13 @@ from estlab.errors import UserError
 from estlab.filters.compiled.engine import CompiledLoop, noises
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
+from estlab.maths.streams import Streams
 from estlab.models.contract import Motion
+from estlab.scenarios.contract import Scales
 from tests import linear, pendulum
 from tests.compiled import assert_same, by_both, estimated, with_readings
+from tests.conftest import settings
+from tests.plugins.constant_velocity import Cart
 
 pytest.importorskip("numba", reason="numba is not installed: pip install estlab[fast]")
 
@@ -61,7 +65,16 @@ def gone_wild(values):
     return values
 
 
-@pytest.mark.parametrize("words", [(*LANDMARK, "filter=ekf", "filter.gate=0.9"), (*FIELD, "filter=ukf")], ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*LANDMARK, "filter=ekf", "filter.gate=0.9"),
+        (*LANDMARK, "filter=ekf", "runs=1"),
+        (*FIELD, "filter=ukf"),
+        (*FIELD, "filter=ukf", "runs=1"),
+    ],
+    ids=" ".join,
+)
 def test_readings_missing_in_part_or_whole_are_missed_alike(words):
     assert_same(*by_both(*words, change=with_readings(with_holes)), within=1e-9)
 
@@ -121,3 +134,13 @@ def test_a_model_that_cannot_be_compiled_is_named():
         UserError, match=r"^engine=numba cannot compile tests\.pendulum\.pile \(.+\); take engine=numpy$"
     ):
         estimated(loop, pendulum.record())
+
+
+def test_noises_and_starts_of_less_than_full_rank_go_through_points_alike():
+    scales = Scales(1.0, 1.0)
+    problem = Cart(acceleration_sd=0.5, reading_sd=1.0, steps=12, known=True)
+    record = problem.simulate(Streams(1, "cart"), range(2), scales)
+    models = problem.motion(scales), problem.sensor(scales, record.places)
+    numpy, compiled = (estimated(kind(settings("filter=ukf").filter, *models), record) for kind in (Loop, CompiledLoop))
+    assert np.isfinite(numpy.cov).all()
+    assert_same(numpy, compiled, within=1e-7)

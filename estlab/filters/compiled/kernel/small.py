@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from estlab.filters.compiled.scalars import jit
+from estlab.filters.compiled.scalars import NJIT, jit
+from estlab.maths import linalg
 from estlab.maths.space import Array
+
+semidefinite = NJIT(error_model="numpy")(linalg.semidefinite)  # seldom called, so no part of what calls it
 
 
 @jit
@@ -25,6 +28,8 @@ def cholesky(p: Array, factor: Array) -> None:
             factor[i, j] /= pivot
     if n > 0 and not np.isfinite(factor[n - 1, n - 1]):
         fail(factor)
+        if np.isfinite(p).all():
+            semidefinite(p, factor)
 
 
 @jit

@@ -1,0 +1,164 @@
+"""Where the files of a recording are, and their opening: regular files of bounded size, found by name."""
+
+import difflib
+import os
+import stat
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from estlab.errors import UserError
+
+MOST = 512 * 2**20  # bytes of a file, and of what is unpacked from it
+
+_KINDS = (
+    (stat.S_ISDIR, "Is a directory"),
+    (stat.S_ISFIFO, "a pipe, not a file"),
+    (stat.S_ISSOCK, "a socket, not a file"),
+    (stat.S_ISCHR, "a device, not a file"),
+    (stat.S_ISBLK, "a device, not a file"),
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How recordings are read.
+
+    names: of files by their kind in the layout, where they are not the layout's own. clock_faults: the share of rows
+    whose time repeats or steps back that may be left out. clock_gap: how long a command is held [s].
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict)
+    clock_faults: float = 0.05
+    clock_gap: float = 2.0
+
+
+DEFAULTS = Options()
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files of one recording.
+
+    folder: that holds them, or the first file itself where the others may be missing. prefix: what their names begin
+    with. layout: the names of each kind of file, the original's first. names: other names, by kind.
+    """
+
+    folder: Path
+    prefix: str
+    layout: Mapping[str, Sequence[str]]
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    def path(self, kind: str, shared: bool = False) -> Path:
+        """The file of this kind. shared: it may lack the prefix.
+
+        Raises UserError, naming the file, what lies there instead, and the remedy.
+        """
+        found = self.find(kind, shared)
+        if found is None:
+            remedy = self.hint(kind) or (
+                "data.path must be the folder that holds it, data.prefix what its name begins with, "
+                f"or data.files.{kind} its name"
+            )
+            raise UserError(f"{self._home / self._wanted(kind, shared)[0]}: no such file; {remedy}")
+        return found
+
+    def alone(self, kind: str) -> None:
+        """Raise UserError if data.path is a file and this kind, which is needed too, is not named."""
+        if self._is_file and kind not in self.names:
+            first, *_ = self.layout
+            raise UserError(
+                f"data.path: {self.folder} is one file of several; give the folder that holds "
+                f"{self.prefix}{self.layout[first][0]} and {self.prefix}{self.layout[kind][0]}"
+            )
+
+    def find(self, kind: str, shared: bool = False) -> Path | None:
+        """The file of this kind, in whatever case its name is written; None if there is none.
+
+        Raises UserError for a folder that cannot be listed, two names that differ in case alone, and a file that
+        is named and not there.
+        """
+        if kind in self.names:
+            named = self._home / Path(self.names[kind]).expanduser()
+            if not named.exists():
+                raise UserError(f"data.files.{kind}: {named}: no such file{self._near([named.name])}")
+            return named
+        if self._is_file and kind == next(iter(self.layout)):
+            return self.folder
+        present = self._present()
+        for name in self._wanted(kind, shared):
+            alike = [there for there in present if there.casefold() == name.casefold()]
+            if name in alike or len(alike) == 1:
+                return self._home / (name if name in alike else alike[0])
+            if alike:
+                raise UserError(
+                    f"{self._home / name}: {' and '.join(alike)} differ in case alone; "
+                    f"choose by data.files.{kind}={alike[0]}"
+                )
+        return None
+
+    def hint(self, kind: str) -> str:
+        """What lies there that is like a file of this kind, and how to take it; or nothing."""
+        endings = [name.casefold() for name in self.layout[kind]]
+        starts = sorted({n[: -len(e)] for n in self._present() for e in endings if n.casefold().endswith(e)} - {""})
+        if starts and self.prefix not in starts:
+            return f"set data.prefix to one of: {', '.join(map(repr, starts))}"
+        return self._near(self._wanted(kind, shared=True), kind).removeprefix("; ")
+
+    def lacks(self, kind: str) -> str:
+        """What is said of a recording that does without the file of this kind."""
+        hint = self.hint(kind)
+        return f"no {self._wanted(kind, shared=False)[0]} in {self._home}" + (f"; {hint}" if hint else "")
+
+    @property
+    def _is_file(self) -> bool:
+        return self.folder.exists() and not self.folder.is_dir()
+
+    @property
+    def _home(self) -> Path:
+        return self.folder.parent if self._is_file else self.folder
+
+    def _wanted(self, kind: str, shared: bool) -> list[str]:
+        return [self.prefix + name for name in self.layout[kind]] + (list(self.layout[kind]) if shared else [])
+
+    def _present(self) -> list[str]:
+        if not self._home.is_dir():
+            raise UserError(f"data.path: no folder {self.folder}")
+        try:
+            return sorted(there.name for there in self._home.iterdir())
+        except OSError as error:
+            raise UserError(f"data.path: {self._home} cannot be read ({error.strerror})") from error
+
+    def _near(self, wanted: Sequence[str], kind: str | None = None) -> str:
+        by_stem = {Path(name).stem.casefold(): name for name in self._present()}
+        for name in wanted:
+            close = difflib.get_close_matches(Path(name).stem.casefold(), list(by_stem), n=1, cutoff=0.7)
+            if close:
+                there = by_stem[close[0]]
+                return f"; there is {there}" + (f": take it by data.files.{kind}={there}" if kind else "")
+        return ""
+
+
+def read_bytes(path: Path) -> bytes:
+    """What is in a regular file of bounded size.
+
+    Raises UserError for anything else; a pipe without a writer is not waited for.
+    """
+    try:
+        mode = path.stat().st_mode
+        for is_kind, what in _KINDS:
+            if is_kind(mode):
+                raise UserError(f"{path}: cannot be read ({what})")
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
+            check_size(path, os.fstat(stream.fileno()).st_size)
+            content = stream.read(MOST + 1)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
+    check_size(path, len(content))
+    return content
+
+
+def check_size(path: Path, size: int, what: str = "") -> None:
+    """Raise UserError for more bytes than a recording may have."""
+    if size > MOST:
+        raise UserError(f"{path}: {what}{size / 1e9:.3g} GB; at most {MOST / 1e9:.2g} GB are read")

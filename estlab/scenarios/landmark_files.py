@@ -1,0 +1,164 @@
+"""A recording among landmarks on one time line: where it starts, what is known of its truth, what is left out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estlab.datasets import agreement, mrclam
+from estlab.datasets.clocks import covered, long_steps
+from estlab.datasets.truth import on_timeline, trusted_heading
+from estlab.errors import UserError
+from estlab.maths.space import Array
+
+_TOGETHER = 1.0  # [s] within which a robot has hardly moved
+_SPREAD = 1.0  # [m] of the landmarks from which a pose is told
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The steps of a recording, in seconds from its first command on.
+
+    start: [s]; begin: (3,) pose there, and sds: (3,) of its error where it was told from readings, or None where the
+    truth is known. time: (T,); truth: (3, T), NaN where not known; control: (2, T). step: (N,) and taken: (M,) the
+    readings taken, true for N of all M.
+    """
+
+    start: float
+    begin: Array
+    sds: Array | None
+    time: Array
+    truth: Array
+    control: Array
+    step: Array
+    taken: Array
+    remarks: tuple[str, ...]
+
+
+def timeline(recording: mrclam.Recording, truth_gap: float, clock_gap: float, reading_sds: list[float]) -> Timeline:
+    """The steps from the first time on at which the robot's pose is known.
+
+    truth_gap: truth is not interpolated over a longer one; clock_gap: no reading counts later after the last command
+    [s]. reading_sds: of range [m] and bearing [rad], for a start without truth.
+    Raises UserError where the files have no time in common.
+    """
+    origin = float(recording.odometry[0, 0])
+    command_time, reading_time = recording.odometry[:, 0] - origin, recording.reading_time - origin
+    in_time = covered(reading_time, command_time, clock_gap)
+    if recording.truth.size:
+        truth = _Truth(recording.truth, truth_gap, origin)
+        start, sds = truth.start(command_time, recording), None
+        begin = truth.at(np.array([start]))[:, 0]
+    else:
+        truth = None
+        start, begin, sds = _pose_from_readings(recording, reading_time, in_time, reading_sds)
+    taken = in_time & (reading_time > start)
+    moving = command_time > start
+    if not taken.any():
+        raise UserError(
+            f"{recording.paths['measurement']}: no reading while the truth is known and "
+            f"{recording.paths['odometry'].name} goes on; do their times agree?"
+        )
+    time = np.unique(np.concatenate([command_time[moving], reading_time[taken]]))
+    before = np.concatenate([[start], time[:-1]])
+    held = np.searchsorted(command_time, before, side="right") - 1
+    poses = truth.at(time) if truth else np.full((3, time.size), np.nan)
+    remarks = (
+        *_left_out(recording, reading_time, in_time, command_time, clock_gap),
+        *_late_start(start, clock_gap, truth is not None),
+        *long_steps(np.append(start, time), clock_gap),
+    )
+    if truth:
+        remarks += (*_agreement(recording, truth, command_time, reading_time), *_truth_remarks(poses))
+    control = recording.odometry[held, 1:].T
+    return Timeline(start, begin, sds, time, poses, control, np.searchsorted(time, reading_time[taken]), taken, remarks)
+
+
+class _Truth:
+    """What is known of the pose, and where its heading is to be trusted."""
+
+    def __init__(self, table: Array, gap: float, origin: float) -> None:
+        self._time, self._poses, self._gap, self._origin = table[:, 0], table[:, 1:].T, gap, origin
+        self._trusted = trusted_heading(table[:, 0], table[:, 1], table[:, 2], table[:, 3], gap)
+
+    def at(self, time: Array) -> Array:
+        """Pose (3, T): NaN over gaps; a heading that is not to be trusted is NaN while the position stays."""
+        time = time + self._origin
+        pose = on_timeline(time, self._time, self._poses, (2,), self._gap)
+        good = on_timeline(time, self._time, self._trusted[None].astype(float), (), self._gap)
+        pose[2, ~(good[0] == 1.0)] = np.nan
+        return pose
+
+    def start(self, command_time: Array, recording: mrclam.Recording) -> float:
+        """The first time of a command at which all is known."""
+        known = np.isfinite(self.at(command_time)).all(axis=0)
+        if not known.any():
+            raise UserError(
+                f"{recording.paths['groundtruth']}: no trusted truth at any time of "
+                f"{recording.paths['odometry'].name}; is it another robot's, or of another clock?"
+            )
+        return float(command_time[known.argmax()])
+
+
+def _pose_from_readings(
+    recording: mrclam.Recording, time: Array, in_time: Array, reading_sds: list[float]
+) -> tuple[float, Array, Array]:
+    """When two landmarks apart are first seen together, the pose that fits them best, and what it is good to.
+
+    The turn and shift of least squares that lay the points as seen onto the landmarks. Umeyama 1991.
+    """
+    usable = np.flatnonzero(in_time)
+    for first in usable:
+        group = usable[(time[usable] >= time[first]) & (time[usable] <= time[first] + _TOGETHER)]
+        distance, bearing = recording.readings[:, group]
+        seen = distance * np.stack([np.cos(bearing), np.sin(bearing)])
+        there = recording.landmarks[:, recording.target[group]]
+        if np.hypot(*np.ptp(there, axis=1)) < _SPREAD:
+            continue
+        p, q = seen - seen.mean(axis=1, keepdims=True), there - there.mean(axis=1, keepdims=True)
+        heading = np.arctan2((p[0] * q[1] - p[1] * q[0]).sum(), (p * q).sum())
+        cos, sin = np.cos(heading), np.sin(heading)
+        place = there.mean(axis=1) - np.array([[cos, -sin], [sin, cos]]) @ seen.mean(axis=1)
+        across = np.hypot(reading_sds[0], distance.mean() * reading_sds[1])
+        sds = np.array([across, across, reading_sds[1]])
+        return float(time[group[-1]]), np.append(place, heading), sds
+    raise UserError(
+        f"{recording.paths['measurement']}: two landmarks more than {_SPREAD:g} m apart are never seen within "
+        f"{_TOGETHER:g} s, so that without truth the start is not known; add the truth's file"
+    )
+
+
+def _left_out(
+    recording: mrclam.Recording, reading_time: Array, in_time: Array, command_time: Array, gap: float
+) -> tuple[str, ...]:
+    if in_time.all():
+        return ()
+    early = int((reading_time < command_time[0]).sum())
+    late = int((~in_time).sum()) - early
+    counts = [f"{early} before the first command"] * bool(early)
+    counts += [f"{late} more than {gap:g} s after the last"] * bool(late)
+    return (
+        f"{recording.paths['measurement']}: {' and '.join(counts)} of {recording.paths['odometry'].name}, left out of "
+        f"{in_time.size} readings; do their clocks agree?",
+    )
+
+
+def _late_start(start: float, gap: float, known: bool) -> tuple[str, ...]:
+    if start <= gap:
+        return ()
+    why = "where the truth is first known" if known else "where two landmarks are first seen together"
+    return (f"starts {start:.4g} s after the first command, {why}",)
+
+
+def _agreement(recording: mrclam.Recording, truth: _Truth, command_time: Array, reading_time: Array) -> tuple[str, ...]:
+    pose = truth.at(reading_time)
+    expected = np.hypot(*(recording.landmarks[:, recording.target] - pose[:2]))
+    heading = truth.at(command_time)[2]
+    return (
+        *agreement.of_ranges(recording.readings[0], expected, str(recording.paths["measurement"])),
+        *agreement.of_turns(command_time, recording.odometry[:, 2], heading, str(recording.paths["odometry"])),
+    )
+
+
+def _truth_remarks(truth: Array) -> tuple[str, ...]:
+    place, heading = np.isfinite(truth[0]).mean(), np.isfinite(truth[2]).mean()
+    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}",) if heading < 1.0 else ()
