@@ -37,7 +37,8 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
     table = (table[table["status"].isin(rundir.WHOLE)] if "status" in table else table).copy()
     metric_columns = [column for column in table.columns if "." in column and _is_numeric(table[column])]
-    table[metric_columns] = table[metric_columns].where(table[metric_columns].abs() < _LARGEST)
+    drawn = table[metric_columns].where(table[metric_columns].abs() < _LARGEST)
+    table = pd.concat([table.drop(columns=metric_columns), drawn], axis=1)
     numbers = [key for key in keys if _is_numeric(table[key]) and table[key].nunique() > 1]
     numbers = sorted(numbers, key=lambda key: -table[key].nunique())
     numbers, others = numbers[:2], [key for key in keys if key not in numbers[:2]]
