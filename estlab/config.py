@@ -53,8 +53,13 @@ class Settings:
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
     objective: str
     sweep: Sweep
+    # Run directories of earlier versions do not have these.
+    dropped: float = 0.0
+    expect_files: Any = None  # expectations by the SHA-256 of a file that was read
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.dropped <= 1.0:
+            raise ValueError(f"dropped must be a share from 0 to 1, got {self.dropped:g}")
         for name in ("runs", "steps", "keep_runs", "block_runs"):
             value = getattr(self, name)
             if value is not None and not 1 <= value <= 1_000_000_000:

@@ -11,6 +11,7 @@ import numpy as np
 
 from estlab.blocks import block, block_count
 from estlab.config import Settings
+from estlab.errors import UserError
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
 from estlab.maths.space import Array
@@ -32,11 +33,15 @@ log = logging.getLogger("estlab")
 
 @dataclass(frozen=True)
 class Names:
-    """What the user chose, as he named it, and what he changed."""
+    """What the user chose, as he named it, and what he changed.
+
+    set_aside: whether expectations of his experiment were left out, being of other data than he took.
+    """
 
     scenario: str
     filter: str
     changes: tuple[str, ...] = ()
+    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,12 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
         record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
         record = settings.scenario.simulate(streams, runs, settings.noise.truth)
-    return record.first(settings.steps)
+    record = record.first(settings.steps)
+    if settings.dropped == 0.0:
+        return record
+    if record.readings.step.size == 0:
+        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+    return record.thinned(settings.dropped, streams, runs)
 
 
 def workers(settings: Settings, names: Names) -> Workers[Block]:

@@ -3,10 +3,11 @@
 import contextlib
 import logging
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,10 @@ log = logging.getLogger("estlab")
 
 def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
-    if settings.data.path is not None and settings.data.source == "simulated":
-        raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
+    data = settings.data
+    if data.source == "simulated" and (data.path is not None or data.prefix):
+        key = f"data.prefix={data.prefix}" if data.path is None else f"data.path={data.path}"
+        raise UserError(f"{key} would not be read: add data=files")
     _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
@@ -57,7 +60,9 @@ def check(settings: Settings, names: Names) -> None:
             except ValueError as error:
                 raise UserError(f"smooth=true with {name}: {error}") from error
     endings = ("", SMOOTHED) if settings.smooth else ("",)
-    expectations.parse(settings.expect, [name + end for name in filters_of(settings, names) for end in endings])
+    estimates = [name + end for name in filters_of(settings, names) for end in endings]
+    expectations.parse(settings.expect, estimates)
+    expectations.parse_sets(settings.expect_files, estimates)
 
 
 def _check_file_names(settings: Settings) -> None:
@@ -85,7 +90,8 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     with workers(settings, names) as crew:
         first = record_of(settings, names, block(settings, 0))
         title = _title(names, filters, runs, first.time.size, settings.seed)
-        directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
+        hashes = rundir.hashes(first.files)
+        directory.describe(title=title, data=hashes, steps=first.time.size)
         if settings.parts:
             ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
         else:
@@ -104,9 +110,10 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     found = results.written(settings, names, ensemble, title, attempts)
     where = str(_short(directory.path))
     show = partial(terminal.summary, title, found.findings, found.compared, found.own)
-    attempts.show("summary", lambda: show([*first.remarks, *attempts.remarks()], where))
-    rows = {name: [row._asdict() for row in one.rows] for name, one in found.findings.items()}
-    held = _hold_to(settings, rows, attempts)
+    known = expectations.of_recording(settings.expect_files, [one["sha256"] for one in hashes])
+    remarks = [*first.remarks, *_set_aside(names, bool(known))]
+    attempts.show("summary", lambda: show([*remarks, *attempts.remarks()], where))
+    held = _hold_to(expectations.over(known, settings.expect), found, attempts)
     directory.describe(missing=attempts.missing)
     attempts.complete()
     return held
@@ -118,10 +125,17 @@ def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: 
     return " · ".join([names.scenario, ", ".join(filters), size, f"seed {seed}", *names.changes])
 
 
-def _hold_to(settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], attempts: Attempts) -> list[Finding]:
-    """What was expected against the rows of metrics.csv: written and printed where anything was."""
-    parsed = expectations.parse(settings.expect, list(rows))
-    held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows), needed=True) or []
+def _set_aside(names: Names, others: bool) -> list[str]:
+    """A remark where an experiment's expectations are not held. others: whether there are any of these data."""
+    instead = "those of this recording hold" if others else "none are known of this recording"
+    return [f"the experiment's expectations are of its simulation and were left out; {instead}"] * names.set_aside
+
+
+def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Finding]:
+    """What was expected against the rows of metrics.csv and the own table: written and printed where anything was."""
+    rows = {name: [row._asdict() for row in one.rows] for name, one in found.findings.items()}
+    parsed = expectations.parse(expect, list(rows))
+    held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, found.own), needed=True) or []
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
         attempts.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(held)))
@@ -133,6 +147,8 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
     """Write the simulated data of run 0 in the scenario's original file layout to data.path; the files written."""
     if settings.data.source != "simulated":
         raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
+    if settings.dropped:
+        raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
     if settings.data.path is None:
         raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
     folder = Path(settings.data.path)

@@ -199,6 +199,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
+    from estlab import given
     from estlab.ensemble import Names
 
     hydra = HydraConfig.get()
@@ -208,15 +209,37 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
     if hydra.job.chdir and plain["data"]["path"]:
         plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
-    given = [word for word in hydra.overrides.task if word.startswith("filter=")]
-    if plain["filters"] and given and not any("filter@filters" in word for word in hydra.overrides.task):
+    words = list(hydra.overrides.task)
+    chosen = [word for word in words if word.startswith("filter=")]
+    if plain["filters"] and chosen and not any("filter@filters" in word for word in words):
         theirs = ",".join(plain["filters"])
-        raise UserError(f"{given[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+        raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+    given.refuse_single_filter(words, plain["filters"])
+    folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
+    stated = given.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
+    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
+        given.refuse_unread(_unread(plain), words, stated)
     changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return plain, Names(scenario, filter, changes)
+    return plain, Names(scenario, filter, changes, given.other_data(words) and bool(stated.get("expect")))
+
+
+def _unread(plain: "dict[str, Any]") -> dict[str, str]:
+    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
+    from estlab.config import build
+
+    try:
+        settings = build(plain)
+    except UserError:
+        return {}
+    scenario, source = settings.scenario, settings.data.source
+    unread = {f"scenario.{key}": reader for key, reader in scenario.unread(source).items()}
+    if source == "simulated" or not scenario.timed:
+        reader = "data=files" if scenario.timed else "recordings that carry times"
+        unread |= dict.fromkeys(("data.clock_faults", "data.clock_gap"), reader)
+    return unread
 
 
 def _reason(error: BaseException, log: Path) -> str:
