@@ -18,7 +18,7 @@ _FAILURES = 20
 _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
 
 # What a sweep adds to each job by itself.
-_OURS = ("expect=null", "report=false")
+_OURS = ("expect=null", "expect_files=null", "report=false")
 
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
