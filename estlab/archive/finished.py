@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 
 _DEEPEST = 50
 
+_UNFINISHED = {
+    "alive": "still running",
+    "gone": "unfinished, and its process is gone",
+    "unknown": "unfinished, and whether it is still running cannot be seen from here",
+}
+
 _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
 
 
@@ -99,7 +105,7 @@ def unfinished(found: Mapping[str, Any]) -> str:
     if state in rundir.WHOLE:
         return ""
     if state == "running":
-        return "still running" if rundir.at_work(found) else "unfinished, and its process is gone"
+        return _UNFINISHED[rundir.worker(found)]
     return f"{state}: {found.get('error') or 'no reason given'}"
 
 

@@ -24,7 +24,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import STATES, WHOLE, State, at_work, end, state_of
+from estlab.rundir.status import STATES, WHOLE, State, end, state_of, worker
 
 __all__ = [
     "COMPARISON",
@@ -51,9 +51,9 @@ __all__ = [
     "WHOLE",
     "RunDirectory",
     "State",
-    "at_work",
     "end",
     "hashes",
     "link_latest",
     "state_of",
+    "worker",
 ]

@@ -1,8 +1,6 @@
 """How a run ended, or whose process is at work on it: status.json."""
 
 import json
-import os
-import platform
 import re
 import time
 from collections.abc import Mapping
@@ -10,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from estlab.rundir import files
+from estlab.rundir import files, process
 from estlab.rundir.layout import RECORD_BYTES, STATUS
 
 # unmet: whole, but not what was expected to be found.
@@ -24,7 +22,7 @@ _BYTES = 2048
 
 def stamp(state: State, began: float, message: str = "", code: int = 0) -> bytes:
     """The status of a run of this process as it is written. began: seconds since 1970."""
-    facts: dict[str, Any] = {"status": state, "began": iso(began), "pid": os.getpid(), "node": platform.node()}
+    facts: dict[str, Any] = {"status": state, "began": iso(began), **process.marks()}
     if state != "running":
         facts |= {"ended": iso(time.time()), "error": message[:1000], "exit_code": code}
     return (json.dumps(facts, indent=2) + "\n").encode().ljust(_BYTES)
@@ -61,17 +59,6 @@ def state_of(status: Mapping[str, Any]) -> str:
     return "unmet" if state == "failed" and missed else state
 
 
-def at_work(status: Mapping[str, Any]) -> bool:
-    """Whether the process of an unfinished run is alive, by its status; also where that cannot be known from here."""
-    pid, node = status.get("pid"), status.get("node")
-    if status.get("status") != "running":
-        return False
-    if not isinstance(pid, int) or isinstance(pid, bool) or not 0 < pid < 2**31 or node != platform.node():
-        return True
-    try:
-        os.kill(pid, 0)  # it sends nothing, and asks alone
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+def worker(status: Mapping[str, Any]) -> process.Life:
+    """Whether somebody is at work on a run, by its status; of one that has ended nobody is."""
+    return process.life(status) if status.get("status") == "running" else "gone"
