@@ -9,7 +9,7 @@ from pathlib import Path
 
 from estlab.errors import UserError
 
-MOST = 512 * 2**20  # bytes of a file, and of what is unpacked from it
+MOST = 256 * 2**20  # bytes of a file, and of what is unpacked from it
 
 _KINDS = (
     (stat.S_ISDIR, "Is a directory"),
