@@ -29,7 +29,17 @@ def simulate(scenario: str, *more: str) -> Path:
 
 def run(scenario: str, *more: str) -> int:
     return main(
-        ["run", f"scenario={scenario}", "data=files", "data.path=made", "plots=false", "report=false", "runs=1", "steps=60", *more]
+        [
+            "run",
+            f"scenario={scenario}",
+            "data=files",
+            "data.path=made",
+            "plots=false",
+            "report=false",
+            "runs=1",
+            "steps=60",
+            *more,
+        ]
     )
 
 
