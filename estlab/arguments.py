@@ -4,6 +4,7 @@ import importlib.util
 import re
 
 from estlab.errors import UserError
+from estlab.given import other_data
 
 _FLAGS = {
     *("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r"),
@@ -41,20 +42,32 @@ def prepared(arguments: list[str]) -> list[str]:
         if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
             raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
         _check_installed(argument)
-    return _of_a_sweep(_file_names(_expectations(_several_filters(arguments))))
+    return _of_a_sweep(_of_other_data(_file_names(_expectations(_several_filters(arguments)))))
 
 
 def _of_a_sweep(arguments: list[str]) -> list[str]:
     """In a sweep, what is typed alone is expected: a file's expectations are of its own values, not of those swept.
 
-    Nor has each job a page, if none is asked for. The switches stand before the first key, since Hydra takes no flag
-    between keys, and what is typed adds to them.
+    Nor has each job a page, if none is asked for.
     """
     sweep = any(re.fullmatch(r"-m|--multirun|\+*hydra\.mode=.*MULTIRUN.*", argument) for argument in arguments)
+    return _with_defaults(arguments, ["expect=null", "expect_files=null", "report=false"]) if sweep else arguments
+
+
+def _of_other_data(arguments: list[str]) -> list[str]:
+    """Of an experiment on a recording instead, neither what its file expects nor its number of runs holds.
+
+    What it expects of that recording, under expect_files, does.
+    """
+    experiment = any(argument.startswith("+experiment=") for argument in arguments)
+    other = experiment and other_data(arguments)
+    return _with_defaults(arguments, ["expect=null", "runs=1"]) if other else arguments
+
+
+def _with_defaults(arguments: list[str], keys: list[str]) -> list[str]:
+    """The keys before the first that is typed, which adds to them: Hydra takes no flag between keys."""
     first = next((i for i, argument in enumerate(arguments) if re.match(r"[^-].*=|~", argument)), None)
-    if not sweep or first is None:
-        return arguments
-    return [*arguments[:first], "expect=null", "report=false", *arguments[first:]]
+    return arguments if first is None else [*arguments[:first], *keys, *arguments[first:]]
 
 
 def _expectations(arguments: list[str]) -> list[str]:
@@ -63,7 +76,7 @@ def _expectations(arguments: list[str]) -> list[str]:
     for argument in arguments:
         match = re.fullmatch(r"\+{0,2}(expect(?:\.[^=]+)?)=(.*)", argument, re.DOTALL)
         if argument == "~expect" or re.fullmatch(r"\+{0,2}expect=\s*(null|\{\s*\})?\s*", argument):
-            written.append("expect=null")
+            written += ["expect=null", "expect_files=null"]
         elif match is None:
             written.append(argument)
         else:

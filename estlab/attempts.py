@@ -1,15 +1,19 @@
 """What is computed once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import BinaryIO, TypeVar
 
-from estlab.errors import IncompleteError, printable
+import numpy as np
+
+from estlab.errors import IncompleteError, plugin_fault, printable
 from estlab.rundir import RunDirectory
 
 Made = TypeVar("Made")
 
+# What is made of runs that diverge is NaN or infinite, and they are counted: no arithmetic is worth a warning here.
+_quietly = partial(np.errstate, invalid="ignore", over="ignore", divide="ignore")
 _SAID = 200  # characters of a reason
 
 log = logging.getLogger("estlab")
@@ -21,15 +25,16 @@ class Attempts:
     missing: why each thing is missing that could not be made. Its traceback is in log.txt.
     """
 
-    def __init__(self, directory: RunDirectory) -> None:
-        self._directory = directory
+    def __init__(self, directory: RunDirectory, plugins: Sequence[str] = ()) -> None:
+        self._directory, self._plugins = directory, plugins
         self._needed: list[str] = []
         self.missing: dict[str, str] = {}
 
     def made(self, what: str, make: Callable[[], Made], needed: bool = False) -> Made | None:
         """What ``make`` gives; None where it raises. needed: whether a run without it is incomplete."""
         try:
-            return make()
+            with _quietly():
+                return make()
         except Warning:
             raise  # whoever turns warnings into errors wants to see them
         except (Exception, SystemExit) as error:
@@ -43,10 +48,13 @@ class Attempts:
     def show(self, what: str, show: Callable[[], object], needed: bool = False) -> None:
         """Print or write something. Raises OSError, which says of the terminal or disk that it is gone."""
         try:
-            show()
-        except (Warning, OSError):
+            with _quietly():
+                show()
+        except Warning:
             raise
         except (Exception, SystemExit) as error:
+            if isinstance(error, OSError) and not plugin_fault(error, self._plugins):
+                raise
             self._miss(what, error, needed)
 
     def remarks(self) -> list[str]:
@@ -67,7 +75,7 @@ class Attempts:
             )
 
     def _miss(self, what: str, error: BaseException, needed: bool) -> None:
-        self.missing[what] = _reason(error)
+        self.missing[what] = printable(plugin_fault(error, self._plugins)) or _reason(error)
         self._needed += [what] if needed else []
         log.warning("missing: %s (%s)", what, self.missing[what], exc_info=error)
 

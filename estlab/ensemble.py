@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from estlab.blocks import block, block_count
+from estlab.border import problem
+from estlab.border.filters import try_filter
 from estlab.config import Settings
+from estlab.errors import UserError
 from estlab.filters.contract import Filter
 from estlab.filters.loop import Loop
 from estlab.maths.space import Array
@@ -18,24 +21,29 @@ from estlab.maths.streams import Draws, Streams
 from estlab.metrics.comparison import Comparison
 from estlab.metrics.each_run import EachRun
 from estlab.metrics.pairwise import Pairwise
-from estlab.metrics.scores import Limits
+from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Record
 from estlab.scenarios.contract import History
 from estlab.workers import Workers
 
 SMOOTHED = "_smoothed"
+_CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 
 log = logging.getLogger("estlab")
 
 
 @dataclass(frozen=True)
 class Names:
-    """What the user chose, as he named it, and what he changed."""
+    """What the user chose, as he named it, and what he changed.
+
+    set_aside: whether expectations of his experiment were left out, being of other data than he took.
+    """
 
     scenario: str
     filter: str
     changes: tuple[str, ...] = ()
+    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ class Ensemble:
     kept: dict[str, dict[str, Array]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @quietly
     def add(self, number: int, block: Block) -> None:
         """Take in a block, once."""
         if isinstance(block.totals, str):
@@ -93,6 +102,7 @@ class Ensemble:
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @cached_property
+    @quietly
     def total(self) -> Totals:
         """Of all blocks. Raises RuntimeError where a block's could not be computed."""
         if self.failure:
@@ -116,19 +126,36 @@ def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     kind = Loop
     if settings.engine == "numba":
         from estlab.filters.compiled.engine import CompiledLoop as kind  # noqa: N813
-    return kind(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+    return kind(filter, *problem.models_of(scenario, noise, places), *problem.scheme_of(scenario))
+
+
+def check_answers(settings: Settings, names: Names, first: Record) -> None:
+    """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
+    streams = Streams(settings.seed, names.scenario)
+    filters = filters_of(settings, names)
+    models = problem.models_of(settings.scenario, settings.noise.filter, first.places)
+    problem.check(settings.scenario, *models, first, list(filters.values()))
+    for name, filter in filters.items():
+        if not type(filter).__module__.startswith("estlab."):
+            draws = streams.draws(f"filter/{name}", range(first.runs if first.each_its_own else 1))
+            try_filter(problem.name_of(filter), filter, *models, first, draws)
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
-    """Truth and readings of the runs with these numbers."""
+    """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
     streams = Streams(settings.seed, names.scenario)
-    data = settings.data
+    scenario, data = settings.scenario, settings.data
     if data.source == "files":
-        options = (data.options,) if settings.scenario.file_names else ()
-        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
+        options = (data.options,) if scenario.file_names else ()
+        make = partial(scenario.read, Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
-        record = settings.scenario.simulate(streams, runs, settings.noise.truth)
-    return record.first(settings.steps)
+        make = partial(scenario.simulate, streams, runs, settings.noise.truth)
+    record = problem.recorded(scenario, make, len(runs)).first(settings.steps)
+    if settings.dropped == 0.0:
+        return record
+    if record.readings.step.size == 0:
+        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+    return record.thinned(settings.dropped, streams, runs)
 
 
 def workers(settings: Settings, names: Names) -> Workers[Block]:
@@ -172,7 +199,8 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
         draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
         loop.prepare(record, draws)
         began = time.perf_counter()
-        found |= _found(loop, name, record, draws, tick, settings.smooth)
+        watched = min(settings.keep_runs, _CLOUDS) if number == 0 else 0
+        found |= _found(loop, name, record, draws, tick, settings.smooth, watched)
         seconds[name] = time.perf_counter() - began
     kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
     try:
@@ -204,7 +232,8 @@ def _totals(settings: Settings, record: Record, found: dict[str, Estimates], blo
 def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
 
-    mean and cov for one filter, <filter>.mean and <filter>.cov for several.
+    mean and cov for one filter, <filter>.mean and <filter>.cov for several; of a particle filter a sample of the
+    cloud at some steps beside them, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
     """
     readings, record = ensemble.record.readings, ensemble.record
     count = next(iter(ensemble.kept.values()))["truth"].shape[2]
@@ -220,34 +249,34 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     }
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
-        arrays |= {f"{prefix}mean": kept["mean"], f"{prefix}cov": kept["cov"]}
+        arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
     sums = {} if ensemble.failure else ensemble.total.sums
     return arrays | {f"shown.{name}": array for name, array in (record.shown | sums).items()}
 
 
-def history_of(arrays: dict[str, Array], name: str, filters: int) -> History:
-    """The first run of a filter, from the arrays of estimates.npz."""
+def history_of(arrays: dict[str, Array], name: str, filters: int, place: int = 0) -> History:
+    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
     prefix = f"{name}." if filters > 1 else ""
     shown = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
     return History(
         time=arrays["time"],
-        truth=arrays["truth"][..., 0],
-        mean=arrays[f"{prefix}mean"][..., 0],
-        cov=arrays[f"{prefix}cov"][..., 0],
+        truth=arrays["truth"][..., place],
+        mean=arrays[f"{prefix}mean"][..., place],
+        cov=arrays[f"{prefix}cov"][..., place],
         step=arrays["step"],
-        values=arrays["values"][..., 0],
-        target=arrays["target"][..., 0],
+        values=arrays["values"][..., place],
+        target=arrays["target"][..., place],
         places=arrays["places"],
         shown=shown,
-        run=int(arrays["run"][0]),
+        run=int(arrays["run"][place]),
     )
 
 
 def _found(
-    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool
+    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool, watched: int
 ) -> dict[str, Estimates]:
     if not smooth:
-        return {name: loop.estimate(record, draws, tick)}
+        return {name: loop.estimate(record, draws, tick, watched)}
     filtered, smoothed = loop.estimate_and_smooth(record, draws, tick)
     return {name: filtered, name + SMOOTHED: smoothed}
 
@@ -257,4 +286,5 @@ def _kept(record: Record, estimates: Estimates, count: int) -> dict[str, Array]:
         "truth": record.truth[:, :, :count],
         "mean": estimates.mean[:, :, :count],
         "cov": estimates.cov[:, :, :, :count],
+        **{f"cloud.{key}": array for key, array in estimates.cloud.items()},
     }

@@ -2,15 +2,18 @@
 
 An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and component in either order, and what the
 value that metrics.csv has there may be. Without a filter it holds for each; without a component, for the metric's only
-one or the one called ``all``. A value that is not there, or is NaN, meets no expectation.
+one or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``, the row by what stands in
+its first column, the column with or without its unit. A value that is not there, or is NaN, meets no expectation.
 
 A value is compared to twelve digits, so that a share of time that is one but for the last bit is one.
 """
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from estlab.config import nearest
@@ -19,7 +22,7 @@ from estlab.metrics.verdict import WORDS
 
 Row = Mapping[str, Any]
 
-VERDICT = "verdict"
+VERDICT, TABLE = "verdict", "table"
 
 # These have no row in metrics.csv where nothing was counted.
 _COUNTED = ("gated", "vanished")
@@ -59,17 +62,18 @@ class Words:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a metric may be; of each filter where none is named."""
+    """What a metric may be, of each filter where none is named; or a cell of the problem's own table, by its row."""
 
     metric: str
     filter: str | None
     component: str | None
     allowed: Bounds | Words
+    row: str | None = None
 
     @property
     def what(self) -> str:
         """The path without the filter."""
-        return f"{self.metric}.{self.component}" if self.component else self.metric
+        return ".".join(filter(None, (self.metric, self.component, self.row)))
 
 
 @dataclass(frozen=True)
@@ -103,9 +107,38 @@ def parse(expect: Any, filters: Sequence[str]) -> list[Expectation]:
     return [_expectation(path, leaf, filters) for path, leaf in _leaves(expect, ())]
 
 
-def check(expected: Sequence[Expectation], rows: Mapping[str, Sequence[Row]]) -> list[Finding]:
-    """Each expectation against the rows of metrics.csv of each filter that it is for."""
-    return [_find(e, name, rows) for e in expected for name in ([e.filter] if e.filter else rows)]
+def of_recording(sets: Any, digests: Sequence[str]) -> Any:
+    """What is expected of a recording, nothing unless a file of it is known.
+
+    sets: expectations by the first digits of a file's SHA-256. digests: of the files that were read.
+    """
+    return reduce(over, [own for key, own in _sets(sets).items() if any(one.startswith(key) for one in digests)], {})
+
+
+def over(lower: Any, upper: Any) -> Any:
+    """Two blocks of expectations as one: key by key the upper's, where it has one or says null for none."""
+    if not (isinstance(upper, Mapping) and isinstance(lower, Mapping)):
+        return lower if upper is None else upper
+    return {**lower, **{key: value and over(lower.get(key), value) for key, value in upper.items()}}
+
+
+def parse_sets(sets: Any, filters: Sequence[str]) -> None:
+    """Raise UserError for expectations of recordings that say nothing that could be checked."""
+    for own in _sets(sets).values():
+        parse(own, filters)
+
+
+def check(
+    expected: Sequence[Expectation],
+    rows: Mapping[str, Sequence[Row]],
+    table: Mapping[str, Sequence[Any]] | None = None,
+) -> list[Finding]:
+    """Each expectation against the rows of metrics.csv of each filter that it is for, or against the own table."""
+    found = []
+    for e in expected:
+        names = [""] if e.metric == TABLE else [e.filter] if e.filter else rows
+        found += [_cell(e, table or {}) if e.metric == TABLE else _find(e, name, rows) for name in names]
+    return found
 
 
 def unmet(findings: Sequence[Finding]) -> str:
@@ -136,6 +169,16 @@ def columns(findings: Sequence[Finding]) -> dict[str, list[Any]]:
     }
 
 
+def _sets(sets: Any) -> Mapping[str, Any]:
+    if not isinstance(sets or {}, Mapping):
+        raise UserError(f"expect_files must be a group, or null for none; got {sets!r}")
+    by_digest = {str(key): own for key, own in (sets or {}).items()}
+    for key in by_digest:
+        if not re.fullmatch(r"[0-9a-f]{8,64}", key):
+            raise UserError(f"expect_files takes 8 to 64 digits of a file's SHA-256 as keys, from run.json; got {key}")
+    return by_digest
+
+
 def _counted(count: int) -> str:
     return f"{count} expectation{'s' * (count != 1)}"
 
@@ -156,6 +199,10 @@ def _leaves(node: Mapping[Any, Any], path: tuple[str, ...]) -> Iterator[tuple[tu
 def _expectation(path: tuple[str, ...], leaf: Any, filters: Sequence[str]) -> Expectation:
     key = ".".join(("expect", *path))
     metric, *names = path
+    if metric == TABLE:
+        if len(names) != 2:
+            raise UserError(f"{key}: a cell of the table is expect.table.<column>.<row>")
+        return Expectation(TABLE, None, names[0], _bounds(leaf, key), names[1])
     whose = next((name for name in names if name in filters), None)
     if whose is not None:
         names.remove(whose)
@@ -211,6 +258,20 @@ def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[Row]]
         return Finding(name, what, str(allowed), f"not found ({remedy})", False)
     value, low, high = (float(row[column]) for column in ("value", "ci_low", "ci_high"))
     return Finding(name, what, str(allowed), _shown(value, allowed), allowed.admit(value), value, low, high)
+
+
+def _cell(expectation: Expectation, table: Mapping[str, Sequence[Any]]) -> Finding:
+    """The expectation against a cell of the problem's own table."""
+    what, allowed = expectation.what, expectation.allowed
+    columns_of = {name.partition(" [")[0]: name for name in table} | {name: name for name in table}
+    column = columns_of.get(str(expectation.component))
+    labels = [str(label) for label in next(iter(table.values()), [])]
+    if column is None or expectation.row not in labels:
+        there = f"are columns {', '.join(table)}; rows {', '.join(labels)}" if table else "is no table"
+        return Finding("", what, str(allowed), f"not found (there {there})", False)
+    value = float(table[column][labels.index(expectation.row)])
+    assert isinstance(allowed, Bounds)
+    return Finding("", what, str(allowed), _shown(value, allowed), allowed.admit(value), value)
 
 
 def _remedy(expectation: Expectation, name: str, found: Mapping[str, Row], rows: Mapping[str, Sequence[Row]]) -> str:

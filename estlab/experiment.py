@@ -1,12 +1,14 @@
 """One experiment from settings to a run directory. It assembles records, filters, metrics, report; it computes none."""
 
 import contextlib
+import importlib
 import logging
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -14,21 +16,48 @@ from estlab import cores, expectations, parts, results, rundir
 from estlab.attempts import Attempts
 from estlab.blocks import block
 from estlab.config import Settings
-from estlab.ensemble import SMOOTHED, Ensemble, Names, estimated, filters_of, loop_of, record_of, workers
-from estlab.errors import IncompleteError, UserError
+from estlab.ensemble import (
+    SMOOTHED,
+    Ensemble,
+    Names,
+    check_answers,
+    estimated,
+    filters_of,
+    loop_of,
+    record_of,
+    workers,
+)
+from estlab.errors import IncompleteError, UserError, plugins_answer
 from estlab.expectations import Finding
 from estlab.report import console, expected, tables, terminal
 from estlab.rundir import RunDirectory
 
 _CROWDED = 4  # processes a core that may be asked for
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 log = logging.getLogger("estlab")
 
 
+def _plugins_named(function: Callable[Concatenate[Settings, P], R]) -> Callable[Concatenate[Settings, P], R]:
+    """The function, which raises PluginError in place of what the code of one of the user's plugins raises."""
+
+    @wraps(function)
+    def named(settings: Settings, /, *arguments: P.args, **keys: P.kwargs) -> R:
+        with plugins_answer(settings.plugins):
+            return function(settings, *arguments, **keys)
+
+    return named
+
+
+@_plugins_named
 def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
-    if settings.data.path is not None and settings.data.source == "simulated":
-        raise UserError(f"data.path={settings.data.path} would not be read: add data=files")
+    data = settings.data
+    if data.source == "simulated" and (data.path is not None or data.prefix):
+        key = f"data.prefix={data.prefix}" if data.path is None else f"data.path={data.path}"
+        raise UserError(f"{key} would not be read: add data=files")
     _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
@@ -47,6 +76,8 @@ def check(settings: Settings, names: Names) -> None:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
             raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+        if settings.engine == "numba":
+            cores.enough_memory("numba")
         try:
             loop.check_engine()
         except ValueError as error:
@@ -57,7 +88,9 @@ def check(settings: Settings, names: Names) -> None:
             except ValueError as error:
                 raise UserError(f"smooth=true with {name}: {error}") from error
     endings = ("", SMOOTHED) if settings.smooth else ("",)
-    expectations.parse(settings.expect, [name + end for name in filters_of(settings, names) for end in endings])
+    estimates = [name + end for name in filters_of(settings, names) for end in endings]
+    expectations.parse(settings.expect, estimates)
+    expectations.parse_sets(settings.expect_files, estimates)
 
 
 def _check_file_names(settings: Settings) -> None:
@@ -69,6 +102,7 @@ def _check_file_names(settings: Settings) -> None:
             raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
 
 
+@_plugins_named
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Run, write every file of the directory but its configuration and status, and print the summary.
 
@@ -82,10 +116,15 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
     directory.describe(names=asdict(names), scenario=names.scenario, filters=list(filters))
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
+    # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
+    # there is no room for it.
+    importlib.import_module("scipy.special")
     with workers(settings, names) as crew:
         first = record_of(settings, names, block(settings, 0))
+        check_answers(settings, names, first)
         title = _title(names, filters, runs, first.time.size, settings.seed)
-        directory.describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
+        hashes = rundir.hashes(first.files)
+        directory.describe(title=title, data=hashes, steps=first.time.size)
         if settings.parts:
             ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
         else:
@@ -100,13 +139,14 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
         return []
     directory.describe(seconds_per_run_and_step=ensemble.cost(len(runs)))
     _log_outcome(ensemble, len(runs))
-    attempts = Attempts(directory)
+    attempts = Attempts(directory, settings.plugins)
     found = results.written(settings, names, ensemble, title, attempts)
     where = str(_short(directory.path))
     show = partial(terminal.summary, title, found.findings, found.compared, found.own)
-    attempts.show("summary", lambda: show([*first.remarks, *attempts.remarks()], where))
-    rows = {name: [row._asdict() for row in one.rows] for name, one in found.findings.items()}
-    held = _hold_to(settings, rows, attempts)
+    known = expectations.of_recording(settings.expect_files, [one["sha256"] for one in hashes])
+    remarks = [*first.remarks, *_set_aside(names, bool(known))]
+    attempts.show("summary", lambda: show([*remarks, *attempts.remarks()], where))
+    held = _hold_to(expectations.over(known, settings.expect), found, attempts)
     directory.describe(missing=attempts.missing)
     attempts.complete()
     return held
@@ -118,10 +158,17 @@ def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: 
     return " · ".join([names.scenario, ", ".join(filters), size, f"seed {seed}", *names.changes])
 
 
-def _hold_to(settings: Settings, rows: Mapping[str, Sequence[expectations.Row]], attempts: Attempts) -> list[Finding]:
-    """What was expected against the rows of metrics.csv: written and printed where anything was."""
-    parsed = expectations.parse(settings.expect, list(rows))
-    held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows), needed=True) or []
+def _set_aside(names: Names, others: bool) -> list[str]:
+    """A remark where an experiment's expectations are not held. others: whether there are any of these data."""
+    instead = "those of this recording hold" if others else "none are known of this recording"
+    return [f"the experiment's expectations are of its simulation and were left out; {instead}"] * names.set_aside
+
+
+def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Finding]:
+    """What was expected against the rows of metrics.csv and the own table: written and printed where anything was."""
+    rows = {name: [row._asdict() for row in one.rows] for name, one in found.findings.items()}
+    parsed = expectations.parse(expect, list(rows))
+    held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, found.own), needed=True) or []
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
         attempts.write(rundir.EXPECTATIONS, partial(tables.write_columns, expectations.columns(held)))
@@ -129,10 +176,13 @@ def _hold_to(settings: Settings, rows: Mapping[str, Sequence[expectations.Row]],
     return held
 
 
+@_plugins_named
 def simulate(settings: Settings, names: Names) -> list[Path]:
     """Write the simulated data of run 0 in the scenario's original file layout to data.path; the files written."""
     if settings.data.source != "simulated":
         raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
+    if settings.dropped:
+        raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
     if settings.data.path is None:
         raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
     folder = Path(settings.data.path)

@@ -1,5 +1,6 @@
 """What was there and what was measured, on one time line; and what a filter made of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.space import Array
+from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 
 
@@ -63,6 +65,19 @@ class Record:
     def runs(self) -> int:
         return int(self.readings.values.shape[2])
 
+    def thinned(self, share: float, streams: Streams, runs: Sequence[int]) -> "Record":
+        """The record with this share of each run's readings lost at random; repeats of one recording lose the same.
+
+        runs: the numbers of its runs, whose streams decide.
+        """
+        values = self.readings.values.copy()
+        for place, run in enumerate(runs):
+            # Of those that it has, so that other runs of its block do not matter.
+            had = np.flatnonzero(np.isfinite(values[:, :, place]).any(axis=0))
+            lost = streams.generator("lost", 0 if self.repeated else run).random(had.size) < share
+            values[:, had[lost], place] = np.nan
+        return replace(self, readings=replace(self.readings, values=values))
+
     @property
     def each_its_own(self) -> bool:
         """Whether each run has a belief of its own; else they share one, having the same prior and no readings."""
@@ -93,6 +108,8 @@ class Estimates:
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     gate: the share of right readings that were let through, None for all.
+    cloud: of a belief that is a cloud of points, a sample of it in the first runs at some steps: step (K,), points
+    (n, K, S, runs) and weights (K, S, runs). Else empty.
     """
 
     mean: Array
@@ -102,3 +119,4 @@ class Estimates:
     sample: Array | None
     notes: dict[str, Array]
     gate: float | None = None
+    cloud: dict[str, Array] = field(default_factory=dict)

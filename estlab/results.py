@@ -61,7 +61,7 @@ def written(settings: Settings, names: Names, ensemble: Ensemble, title: str, at
     if compared:
         attempts.write(rundir.COMPARISON, partial(tables.write_rows, compared, settings.seed))
     if settings.plots:
-        _draw(settings, by_file, arrays, histories, title, attempts)
+        _draw(settings, by_file, arrays, histories, title, ensemble.record.repeated, attempts)
     return Results(findings, compared, own)
 
 
@@ -126,16 +126,17 @@ def _draw(
     arrays: dict[str, Array],
     histories: dict[str, History],
     title: str,
+    repeated: bool,
     attempts: Attempts,
 ) -> None:
     """Draw every picture and write it."""
     scenario = settings.scenario
 
-    def draw(axes: "Axes", name: str) -> None:
-        scenario.draw(axes, histories[name])
+    def draw(axes: "Axes", name: str, place: int) -> None:
+        scenario.draw(axes, history_of(arrays, name, len(histories), place))
 
-    runs = settings.run_numbers
-    pictures = plots.pictures(by_file, arrays, list(histories), scenario.space, title, runs, draw)
+    runs, filters = settings.run_numbers, list(histories)
+    pictures = plots.pictures(by_file, arrays, filters, scenario.space, title, runs, repeated, draw)
     own = attempts.made("the problem's own pictures", lambda: scenario.pictures(histories)) or {}
     for name, figure in own.items():
         pictures[name] = partial(lambda figure: figure, figure)

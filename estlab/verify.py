@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estlab.errors import UserError
+from estlab.given import other_data
 from estlab.launch import FAILED, OK, USAGE, complain, launch, remove_if_ours, run_job
 from estlab.paths import conf_folder
 
@@ -23,7 +24,7 @@ estlab verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]
 Runs every experiment whose file has an expect block, or those named, and holds each to it. The runs stand side by
 side below one folder, <output>/<date>/<time>_verify/, without plots and pages; at the end one table says what was
 expected and what was found. key=value holds for every run: estlab verify seed=2 asks whether the answers hang on the
-seed.
+seed, estlab verify epuck_smooth data=files data.path=DIR what it expects of that recording.
 
 Exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted.
 """
@@ -145,7 +146,8 @@ def _run(name: str, words: list[str], stamp: str) -> Outcome:
         except UserError as error:
             outcome.code = complain(str(error))
     if outcome.code == OK and not outcome.findings:
-        outcome.code, outcome.error = FAILED, "it has no expectations"
+        outcome.code = FAILED
+        outcome.error = "it has no expectations" + " of this recording" * other_data(words)
     elif outcome.code != OK and all(finding.met for finding in outcome.findings):
         outcome.error = said.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
     return outcome

@@ -36,6 +36,13 @@ class Sample(NamedTuple):
     scale: Array
 
 
+class Cloud(NamedTuple):
+    """A sample of the points that stand for a belief: points (n, S, runs), weights (S, runs) that sum to one."""
+
+    points: Array
+    weights: Array
+
+
 def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Fit:
     """The fit of a reading from its whitened innovation and the factor (m, m, runs) that whitened it.
 
@@ -97,6 +104,10 @@ class Filter(ABC):
 
     def sample(self, belief: Any) -> Sample | None:
         """The sample whose covariance :meth:`moments` gives; None where it is computed, not sampled."""
+        return None
+
+    def cloud(self, belief: Any, runs: int) -> Cloud | None:
+        """A sample of the points of the first runs; None where a belief is no cloud."""
         return None
 
     def notes(self, belief: Any) -> dict[str, Array]:

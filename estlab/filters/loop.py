@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.contract import Belief, Filter
+from estlab.filters.contract import Belief, Cloud, Filter
 from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
 from estlab.maths.gaussian import Gaussian
@@ -15,6 +15,8 @@ from estlab.models.contract import Motion, Sensor
 from estlab.record import Estimates, Record
 
 Scheme = Literal["sequential", "stacked", "interleaved"]
+
+_CLOUDS = 6  # moments at which clouds are kept
 
 
 class Loop:
@@ -51,11 +53,16 @@ class Loop:
         if self.scheme == "interleaved":
             raise ValueError("the smoother knows no prediction between readings; take another scenario.update")
 
-    def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None) -> Estimates:
-        """The belief after each step. draws: the filter's own streams. tick: called after every step."""
+    def estimate(
+        self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None, watched: int = 0
+    ) -> Estimates:
+        """The belief after each step. draws: the filter's own streams. tick: called after every step.
+
+        watched: of how many of the first runs the cloud is kept at some steps, if the belief is one.
+        """
         if record.runs == 1 and isinstance(self.filter, GaussianFilter) and self.scheme != "stacked":
             return self._alone(record, draws, tick)
-        return self._forward(record, draws, tick, None)
+        return self._forward(record, draws, tick, None, watched)
 
     def estimate_and_smooth(
         self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None
@@ -69,12 +76,19 @@ class Loop:
         return filtered, Estimates(mean, cov, nothing, nothing, None, {})
 
     def _forward(
-        self, record: Record, draws: Draws, tick: Callable[[], None], links: list[Link | None] | None
+        self,
+        record: Record,
+        draws: Draws,
+        tick: Callable[[], None],
+        links: list[Link | None] | None,
+        watched: int = 0,
     ) -> Estimates:
         steps, runs, n = record.time.size, record.runs, self.motion.space.size
         mean, cov = np.empty((n, steps, runs)), np.empty((n, n, steps, runs))
         whitened, log_scale = np.full((2, *record.readings.values.shape), np.nan)
         sample = None
+        clouds: dict[int, Cloud] = {}
+        moments = set(cloud_steps(steps)) if watched else set()
         notes: dict[str, Array] = {"gated": np.zeros((steps, runs))}
         lapse = np.diff(record.time, prepend=record.start)
         bounds = record.readings.bounds(steps)
@@ -97,8 +111,11 @@ class Loop:
                     sample[:, k] = sampled
                 for name, values in self.filter.notes(belief).items():
                     notes.setdefault(name, np.zeros((steps, runs)))[k] = values
+                if k in moments and (cloud := self.filter.cloud(belief, watched)) is not None:
+                    clouds[k] = cloud
                 tick()
-        return Estimates(mean, cov, whitened, log_scale, sample, notes, getattr(self.filter, "gate", None))
+        gate = getattr(self.filter, "gate", None)
+        return Estimates(mean, cov, whitened, log_scale, sample, notes, gate, _as_arrays(clouds))
 
     def _alone(self, record: Record, draws: Draws, tick: Callable[[], None]) -> Estimates:
         """Of a single run and a Gaussian belief: no array has the axis of runs, so that models work on plain numbers.
@@ -192,3 +209,19 @@ class Loop:
                 place[:, slots, runs] = parts.reshape(count, -1, runs.size).swapaxes(0, 1)
             gated[runs] += fit.gated
         return belief, gated
+
+
+def cloud_steps(steps: int) -> list[int]:
+    """The steps at which clouds are kept: the first, the last, and each as many times as late as the one before."""
+    kept: list[int] = []
+    for step in np.rint(np.geomspace(1, steps, _CLOUDS)):
+        kept.append(max(int(step) - 1, len(kept) and kept[-1] + 1))
+    return [step for step in kept if step < steps]
+
+
+def _as_arrays(clouds: dict[int, Cloud]) -> dict[str, Array]:
+    """Clouds by step as arrays: step (K,), points (n, K, S, runs), weights (K, S, runs)."""
+    if not clouds:
+        return {}
+    points, weights = zip(*clouds.values(), strict=True)
+    return {"step": np.array(list(clouds)), "points": np.stack(points, axis=1), "weights": np.stack(weights)}

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.contract import Cloud, Filter, Fit, Prior, Sample, fit_of
 from estlab.filters.step import Step, own
 from estlab.maths import cloud
 from estlab.maths.gaussian import Gaussian, placed
@@ -14,6 +14,8 @@ from estlab.maths.resampling import Scheme, Weights, resample
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
+
+_SAMPLED = 200  # particles of a run that are kept of a cloud
 
 
 class Particles(NamedTuple):
@@ -116,6 +118,9 @@ class ParticleFilter(Filter):
 
     def sample(self, belief: Particles) -> Sample:
         return Sample(belief.weights.size, 1.0 - 1.0 / belief.weights.size)
+
+    def cloud(self, belief: Particles, runs: int) -> Cloud:
+        return Cloud(*cloud.sampled(belief.points[..., :runs], belief.weights.linear[:, :runs], _SAMPLED))
 
     def notes(self, belief: Particles) -> dict[str, Array]:
         return {"ess": belief.weights.size, "vanished": belief.lost}

@@ -90,6 +90,25 @@ def moments(space: Space, points: Array, weights: Array) -> Gaussian:
     return Gaussian(means, cov)
 
 
+def sampled(points: Array, weights: Array, most: int) -> tuple[Array, Array]:
+    """A few points (n, S, runs) of a cloud and their weights (S, runs): of each stretch of neighbours the one in the
+    middle of their weights, with the weight of all.
+
+    Nothing is drawn. After resampling, neighbours are of neighbouring parents, so that all of them have their share.
+    """
+    n, count, runs = points.shape
+    if count <= most:
+        return points.copy(), weights.copy()
+    edges = np.linspace(0, count, most + 1).astype(int)
+    few, heavy = empty(n, most, runs), np.empty((most, runs))
+    for run in range(runs):
+        up_to = np.concatenate([[0.0], np.cumsum(weights[:, run])])
+        heavy[:, run] = np.diff(up_to[edges])
+        middle = np.searchsorted(up_to[1:], 0.5 * (up_to[edges[1:]] + up_to[edges[:-1]]))
+        few[:, :, run] = points[:, np.clip(middle, edges[:-1], edges[1:] - 1), run]
+    return few, heavy
+
+
 def gram(a: Array, b: Array) -> Array:
     """A B' (n, m, runs) of clouds (n, N, runs) and (m, N, runs): the products summed over the points."""
     parts = each(lambda part: np.stack([dot(row, b[:, part]) for row in a[:, part]]), a.shape[1])

@@ -101,6 +101,9 @@ def _errors(tally: Tally) -> Iterator[Row]:
             unit = space.units[space.position[0]]
             whole = moments[square.replace("mean_square", "position_square")]
             yield _row(metric, "position", unit, _root(positive_interval(whole)))
+        if "state_square" in moments:
+            every = moments[square.replace("mean_square", "state_square")]
+            yield _row(metric, "all", space.units[0], _root(positive_interval(every)))
     for metric in ("median_abs_error", "mean_error", "mean_sigma"):
         for i, (name, unit) in each:
             yield _row(metric, name, unit, mean_interval(moments[metric].at(i)))

@@ -19,6 +19,7 @@ from estlab.metrics.scores import (
 )
 from estlab.record import Estimates, Record
 
+_MANY = 9  # components of one unit from which there is an RMSE over all of them
 _NAMED = 100  # diverged runs that are named, of each kind
 _SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # what is kept of single errors, for what cannot be added up
 
@@ -106,6 +107,8 @@ class Tally:
         found = {"mean_square": _mean(scores.error**2, scores.scored, 1)}
         if scores.distance is not None:
             found["position_square"] = _mean(scores.distance**2, np.isfinite(scores.distance), 0)
+        if self.space.size >= _MANY and len(set(self.space.units)) == 1:
+            found["state_square"] = _mean(scores.error**2, scores.scored, (0, 1))
         found["anees"] = _mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
         return found
 
@@ -200,11 +203,11 @@ class Tally:
         return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
 
 
-def _total(values: Array, where: Array, axis: int) -> Array:
+def _total(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
     return np.asarray(np.sum(values, axis=axis, where=where))
 
 
-def _mean(values: Array, where: Array, axis: int) -> Array:
+def _mean(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
     return _total(values, where, axis) / _or_nan(where.sum(axis=axis))
 
 

@@ -2,6 +2,7 @@
 
 import io
 import textwrap
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +20,23 @@ WIDTH = 9.0  # inches
 _DPI = 110
 _COMPRESSION = 3  # a tenth larger than at the usual 6, in two thirds of the time
 _BUCKETS = 1500  # of a line, more than a picture has columns of pixels
+_LABEL = 60  # letters of a name that a legend has room for
+_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7")  # of several filters; red is the bands'
 
 
-def new_figure(rows: int, title: str, height: float, columns: int = 1) -> tuple["Figure", list["Axes"]]:
-    """A figure with panels of a height [inches] each, one time axis for all of a column's."""
+def colours(count: int) -> list[str]:
+    """Of so many filters."""
+    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
+
+
+def new_figure(
+    rows: int, title: str, height: float, columns: int = 1, shared: bool = True
+) -> tuple["Figure", list["Axes"]]:
+    """A figure with panels of a height [inches] each, one time axis for all of a single column's if it is shared."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, height * rows + 1.0), layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
+    panels = figure.subplots(rows, columns, sharex=shared and columns == 1, squeeze=False).ravel()
     for axes in panels:
         axes.grid(alpha=0.3)
     headed(figure, title)
@@ -38,9 +48,28 @@ def said(text: str) -> str:
     return printable(text).replace("$", r"\$")
 
 
+def short(text: str, most: int = _LABEL) -> str:
+    """A name as it is drawn where there is little room; matplotlib leaves out a label that begins with a bar below."""
+    text = " ".join(printable(text).split())
+    text = text if len(text) <= most else f"{text[: most - 2]} …"
+    return said(f" {text}" if text.startswith("_") else text)
+
+
 def headed(figure: "Figure", title: str) -> None:
     """A title over all panels, in as many lines as it needs."""
-    figure.suptitle(textwrap.fill(said(title), 90), fontsize="large")
+    lines = textwrap.wrap(printable(title), 90, max_lines=6, placeholder=" …")
+    figure.suptitle("\n".join(map(said, lines)), fontsize="large")
+
+
+def labelled(name: str, unit: str, letters: int = 40, lines: int = 1) -> str:
+    """A quantity and its unit as they stand at an axis, the name in no more lines of so many letters."""
+    parts = textwrap.wrap(printable(name), letters, max_lines=lines, placeholder=" …")
+    return "\n".join(map(said, parts)) + (f" [{said(unit)}]" if unit else "")
+
+
+def named(axes: "Axes", name: str, unit: str) -> None:
+    """The name and unit of a panel's component, in lines that a panel is high enough for."""
+    axes.set_ylabel(labelled(name, unit, 20, 2))
 
 
 def legend_below(figure: "Figure", axes: "Axes") -> None:
@@ -48,6 +77,14 @@ def legend_below(figure: "Figure", axes: "Axes") -> None:
     handles, labels = axes.get_legend_handles_labels()
     columns = max(1, int(14.0 * WIDTH / (max(map(len, labels), default=1) + 8)))
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 5), frameon=False, fontsize="small")
+
+
+def cornered(axes: "Axes", text: str) -> None:
+    """A line in small letters in the upper left corner of a panel; nothing for no text."""
+    if text:
+        style: dict[str, Any] = {"ha": "left", "va": "top", "fontsize": "x-small", "zorder": 9}
+        box = {"facecolor": "white", "alpha": 0.7, "lw": 0, "pad": 1.5}
+        axes.text(0.01, 0.96, said(text), transform=axes.transAxes, bbox=box, **style)
 
 
 def logarithmic(axis: "Axis", low: float, high: float) -> None:
@@ -59,6 +96,19 @@ def logarithmic(axis: "Axis", low: float, high: float) -> None:
     axis.set_major_locator(LogLocator(subs=subs, numticks=20))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def within_reach(sizes: Mapping[str, float], times: float) -> tuple[float, list[str]]:
+    """The largest of the sizes that set a scale, and the names of those that leave it.
+
+    A filter that is so many times as far off as the best would flatten all others. NaN where no size is known.
+    """
+    known = {name: size for name, size in sizes.items() if np.isfinite(size) and size > 0.0}
+    if not known:
+        return np.nan, []
+    reach = times * min(known.values())
+    gone = [name for name, size in sizes.items() if not size <= reach and not np.isnan(size)]
+    return max(size for size in known.values() if size <= reach), gone
 
 
 def broken_at_gaps(columns: Mapping[str, Array]) -> dict[str, Array]:
@@ -92,6 +142,18 @@ def telling(values: Array) -> Array:
     return chosen[chosen < values.size]
 
 
+def line(axes: "Axes", columns: Mapping[str, Array], key: str, **style: Any) -> None:
+    """A column over time, by as many points as can be seen."""
+    shown = telling(columns[key])
+    axes.plot(columns["time"][shown], drawable(columns[key][shown]), **style)
+
+
+def drawable(values: Array) -> Array:
+    """The same, NaN where a number is too large for a picture's coordinates."""
+    values = np.asarray(values, dtype=float)
+    return np.where(np.abs(values) < 1e100, values, np.nan)
+
+
 def png(figure: "Figure") -> bytes:
     """A figure as a PNG file: drawn once, where savefig draws twice for the layout."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -100,5 +162,8 @@ def png(figure: "Figure") -> bytes:
     canvas = FigureCanvasAgg(figure)
     options: dict[str, Any] = {"compress_level": _COMPRESSION}
     stream = io.BytesIO()
-    canvas.print_png(stream, pil_kwargs=options)
+    with warnings.catch_warnings():
+        # A name in letters that the font has not is drawn as boxes; every table has it as it is.
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        canvas.print_png(stream, pil_kwargs=options)
     return stream.getvalue()

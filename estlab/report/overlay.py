@@ -1,6 +1,5 @@
 """Several runs over time in one picture."""
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -11,8 +10,18 @@ import numpy as np
 from estlab import rundir
 from estlab.archive.finished import table
 from estlab.archive.rows import Row
-from estlab.errors import UserError, printable
-from estlab.report.figures import broken_at_gaps, legend_below, logarithmic, new_figure
+from estlab.errors import UserError
+from estlab.report.figures import (
+    broken_at_gaps,
+    cornered,
+    drawable,
+    legend_below,
+    logarithmic,
+    named,
+    new_figure,
+    short,
+    within_reach,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +29,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _COLOURS = ("C0", "C1", "C2", "C4", "C5", "C9")
+_FAR = 1e3  # times as large as the smallest curve, from which one leaves a panel
 _STYLES = tuple(product(("-", "--", ":"), _COLOURS))
 MOST = len(_STYLES)
 
@@ -67,7 +77,7 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
             lines = one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)]
             _line(axis, lines, "rmse", style, colour, one.label)
         _scale(axis)
-        axis.set_ylabel(printable(f"RMSE {component}" + (f" [{unit}]" if unit else "")), parse_math=False)
+        named(axis, f"RMSE {component}", unit)
     _draw_nees(axes[-1], curves)
     axes[-1].set_xlabel("time [s]")
     legend_below(figure, axes[-1])
@@ -99,19 +109,25 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
     shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
-    # A dollar would begin a formula.
-    said = textwrap.shorten(printable(label).replace("$", r"\$"), 90, placeholder=" …")
+    values = drawable(shown[column])
     axes.plot(
-        shown["time"], np.where(shown[column] > 0.0, shown[column], np.nan), style, color=colour, lw=1.1, label=said
+        shown["time"], np.where(values > 0.0, values, np.nan), style, color=colour, lw=1.1, label=short(label, 90)
     )
 
 
 def _scale(axes: "Axes") -> None:
-    """A logarithmic axis of what is drawn, but for a hundredth at each end where one filter loses its way."""
-    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()])
-    drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
-    if drawn.size:
-        low, high = 0.8 * float(np.quantile(drawn, 0.002)), 1.25 * float(np.quantile(drawn, 0.998))
+    """A logarithmic axis of what is drawn, but for ends where a filter loses its way: one that is far off leaves it."""
+    lines = {str(line.get_label()): np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()}
+    drawn = {label: values[np.isfinite(values) & (values > 0.0)] for label, values in lines.items()}
+    drawn = {label: values for label, values in drawn.items() if values.size}
+    reach, gone = within_reach({label: float(np.quantile(values, 0.9)) for label, values in drawn.items()}, _FAR)
+    inside = [values for label, values in drawn.items() if label not in gone]
+    if inside:
+        every = np.concatenate(inside)
+        low, high = 0.8 * float(np.quantile(every, 0.002)), 1.25 * float(np.quantile(every, 0.998))
+        low, high = max(low, 1e-4 * reach), min(high, 1e4 * reach)
         axes.set_yscale("log")
         axes.set_ylim(low, high)
         logarithmic(axes.yaxis, low, high)
+        numbers = ", ".join(label.strip().split(" ")[0] for label in gone)
+        cornered(axes, f"beyond the panel: row {numbers}" if gone else "")

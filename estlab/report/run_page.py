@@ -106,6 +106,8 @@ class _Run:
         found = [
             (filter, name) for name in components for filter in self.filters if (filter, "rmse", name) in self.found
         ]
+        if not any(as_number(self.found[filter, "rmse", name].get("value")) > 0.0 for filter, name in found):
+            return note("The truth is not known, so there are no errors to speak of.")
         lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
         bounded = any(metric == "efficiency" for _, metric, _ in self.found)
         headings = ["component", *self.filter, "RMSE", "95 % interval", *["of converged runs"] * lost]
@@ -167,6 +169,8 @@ class _Run:
 
     def coverage(self) -> Html:
         found = self.contents.table(rundir.COVERAGE)
+        if not any(as_number(row.get("share")) >= 0.0 for row in found.rows):
+            return note("The truth is not known, so no share of errors is.")
         sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
         lines: dict[tuple[str, ...], dict[str, Row]] = {}
         for row in found.rows:

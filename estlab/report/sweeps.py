@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estlab.report.figures import png, said
+from estlab.report.figures import png, said, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +22,7 @@ _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
 _CELLS = 8  # rows and columns of a map up to which its numbers are written in it
 _TICKS = 12  # values of a key up to which each is a tick
+_LARGEST = 1e100  # that a picture's coordinates hold
 _ROUND = ("anees", "anis")  # metrics that are 1 when the filter is consistent
 
 
@@ -34,6 +35,8 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
 
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
     table = (table[table["status"] == "ok"] if "status" in table else table).copy()
+    metric_columns = [column for column in table.columns if "." in column and _is_numeric(table[column])]
+    table[metric_columns] = table[metric_columns].where(table[metric_columns].abs() < _LARGEST)
     numbers = [key for key in keys if _is_numeric(table[key]) and table[key].nunique() > 1]
     numbers = sorted(numbers, key=lambda key: -table[key].nunique())
     numbers, others = numbers[:2], [key for key in keys if key not in numbers[:2]]
@@ -89,14 +92,14 @@ def draw_curves(
     for axes, column in zip(panels, columns, strict=True):
         for name, colour in zip(series, _cycled(len(series)), strict=True):
             rows = table[table["_series"] == name].sort_values(key)
-            axes.plot(rows[key], rows[column], "o-", ms=3.5, lw=1.2, color=colour, label=name or None)
+            axes.plot(rows[key], rows[column], "o-", ms=3.5, lw=1.2, color=colour, label=short(name) or None)
             if f"{column}.low" in rows:
                 low, high = rows[f"{column}.low"], rows[f"{column}.high"]
                 axes.fill_between(rows[key], low, high, color=colour, alpha=0.18, lw=0)
         _label(axes, column, units)
         _key_scale(axes, table[key])
         _value_scale(axes, table[column])
-    panels[-1].set_xlabel(key)
+    panels[-1].set_xlabel(said(key))
     _legend(figure, panels[0], series)
     return figure
 
@@ -116,7 +119,9 @@ def draw_points(
         axes.set_xlim(-0.5, len(series) - 0.5)
         _label(axes, column, units)
         _value_scale(axes, table[column])
-    panels[-1].set_xticks(range(len(series)), series, rotation=30 if len(series) > 4 else 0)
+    panels[-1].set_xticks(
+        range(len(series)), [short(name, 30) for name in series], rotation=30 if len(series) > 4 else 0
+    )
     return figure
 
 
@@ -145,12 +150,12 @@ def draw_maps(
             axes.set_xticks(np.arange(len(xs)) + 0.5, [f"{x:g}" for x in xs], rotation=90 if len(xs) > _CELLS else 0)
             axes.set_yticks(np.arange(len(ys)) + 0.5, [f"{y:g}" for y in ys])
             if axes in grid[0] and name:
-                axes.set_title(name, fontsize=10)
+                axes.set_title(short(name, 30), fontsize=10)
             if axes in grid[-1]:
-                axes.set_xlabel(across)
-        row[0].set_ylabel(down)
+                axes.set_xlabel(said(across))
+        row[0].set_ylabel(said(down))
         unit = f" [{units[column]}]" if units.get(column) else ""
-        figure.colorbar(image, ax=list(row), label=_shown(column) + unit)
+        figure.colorbar(image, ax=list(row), label=said(_shown(column) + unit))
     return figure
 
 
@@ -174,7 +179,7 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
     label = _shown(column) + (f" [{units[column]}]" if units.get(column) else "")
-    axes.set_ylabel(textwrap.fill(label, 20))
+    axes.set_ylabel(textwrap.fill(said(label), 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)
@@ -198,7 +203,7 @@ def _key_scale(axes: "Axes", values: "Series[float]") -> None:
     if values.min() > 0.0 and values.max() >= 10.0 * values.min():
         axes.set_xscale("log")
     if values.nunique() <= _TICKS:
-        axes.set_xticks(sorted(values.unique()), [f"{value:g}" for value in sorted(values.unique())])
+        axes.set_xticks(sorted(values.dropna().unique()), [f"{value:g}" for value in sorted(values.dropna().unique())])
         axes.minorticks_off()
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estlab.report.figures import said, short
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -27,7 +29,7 @@ def draw(path: Path, keys: "Sequence[str]", objective: str) -> "Figure":
     from matplotlib.figure import Figure
 
     table = pd.read_csv(path)
-    table["objective"] = table["objective"].replace(np.inf, np.nan)
+    table["objective"] = table["objective"].where(table["objective"].abs() < 1e100)
     rows = math.ceil(len(keys) / _ACROSS)
     across = min(_ACROSS, len(keys))
     figure = Figure(figsize=(max(6.0, _WIDTH * across), 0.4 + _HEIGHT * (1 + rows)), layout="constrained")
@@ -38,8 +40,8 @@ def draw(path: Path, keys: "Sequence[str]", objective: str) -> "Figure":
         axes = figure.add_subplot(grid[1 + i // _ACROSS, i % _ACROSS], sharey=history)
         _slice(axes, table, key)
         if i % _ACROSS == 0:
-            axes.set_ylabel(objective)
-    history.set_ylabel(objective)
+            axes.set_ylabel(said(objective))
+    history.set_ylabel(said(objective))
     _scale(history, table)
     return figure
 
@@ -64,16 +66,21 @@ def _slice(axes: "Axes", table: "DataFrame", key: str) -> None:
     words = [] if numeric else sorted(table[key].astype(str).unique())
     values = table[key] if numeric else table[key].astype(str).map(words.index)
     axes.scatter(values, table["objective"], c=table["trial"], cmap="Blues", vmin=-0.4 * len(table), s=16)
-    best = int(np.nanargmin(table["objective"]))
-    axes.plot(values.iloc[best], table["objective"].iloc[best], "o", ms=8, mfc="none", mec="C1")
+    if table["objective"].notna().any():
+        best = int(np.nanargmin(table["objective"]))
+        axes.plot(values.iloc[best], table["objective"].iloc[best], "o", ms=8, mfc="none", mec="C1")
     if numeric and values.min() > 0.0 and values.max() >= 10.0 * values.min():
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
         axes.xaxis.set_minor_formatter(NullFormatter())
     if words:
-        axes.set_xticks(range(len(words)), words if len(words) <= _MANY else [""] * len(words), rotation=30)
-    axes.set_xlabel(key)
+        axes.set_xticks(
+            range(len(words)),
+            [short(word, 20) for word in words] if len(words) <= _MANY else [""] * len(words),
+            rotation=30,
+        )
+    axes.set_xlabel(said(key))
     axes.grid(alpha=0.3, lw=0.5)
 
 

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 from estlab.errors import UserError
 from estlab.rundir import files, provenance, status
 from estlab.rundir.layout import LOG, RUN, STATUS
+from estlab.warned import in_a_line
 
 
 class RunDirectory:
@@ -68,7 +69,7 @@ class RunDirectory:
 
     @contextmanager
     def logged(self) -> Iterator[None]:
-        """Send what estlab logs to log.txt, and the traceback of whatever is raised."""
+        """Send what estlab logs and what is warned of to log.txt, and the traceback of whatever is raised."""
         logging.raiseExceptions = False  # a full disk is reported once, by the file that matters
         with files.in_place(self._root, str(self._name / LOG)) as stream:
             stream.seek(0, os.SEEK_END)
@@ -79,7 +80,8 @@ class RunDirectory:
             logger.propagate = False
             logger.addHandler(handler)
             try:
-                yield
+                with in_a_line(logger.warning):
+                    yield
             except KeyboardInterrupt:
                 logger.warning("interrupted")
                 raise

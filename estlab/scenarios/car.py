@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -33,16 +33,11 @@ _BEGIN_WITHIN = np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
 # The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, out of its way,
 # past it, round behind it and away.
 _SCRIPT = (
-    (3.5, 0.0, 0.0),
-    (6.0, -2.4, 0.0),
-    (7.5, 0.0, -30.0),
-    (9.0, 0.0, 30.0),
-    (11.5, 0.0, 0.0),
-    (14.0, 1.0, -20.0),
-    (16.0, 2.5, 0.0),
-    (17.5, 1.0, 20.0),
-    (np.inf, 0.0, 0.0),
-)
+    (3.5, 0.0, 0.0), (6.0, -2.4, 0.0), (7.5, 0.0, -30.0), (9.0, 0.0, 30.0), (11.5, 0.0, 0.0),
+    (14.0, 1.0, -20.0), (16.0, 2.5, 0.0), (17.5, 1.0, 20.0), (np.inf, 0.0, 0.0),
+)  # fmt: skip
+
+_OF_MANOEUVRE = ("lidar_range_sd", "lidar_bearing_sd", "acceleration_sd", "turn_rate_sd")
 
 
 @dataclass(frozen=True)
@@ -50,6 +45,7 @@ class Car(Scenario):
     """A manoeuvring car as a rectangle; its LIDAR frames give two bearings and a range."""
 
     file_names = problem3.LAYOUT
+    of_simulation: ClassVar = ("duration", "truth", *_OF_MANOEUVRE)
 
     dt: float
     duration: float
@@ -67,9 +63,8 @@ class Car(Scenario):
     lost_radius: float
 
     def __post_init__(self) -> None:
-        check_positive(lost_radius=self.lost_radius)
+        check_positive(lost_radius=self.lost_radius, smallest=self.smallest)
         check_duration(self.duration, self.dt)
-        check_positive(smallest=self.smallest)
         check_positive(lidar_range_sd=self.lidar_range_sd, lidar_bearing_sd=self.lidar_bearing_sd)
         check_positive(acceleration_sd=self.acceleration_sd, turn_rate_sd=self.turn_rate_sd)
         check_sds("process_sd", self.process_sd, 6)
@@ -77,6 +72,13 @@ class Car(Scenario):
         check_sds("initial_sd", self.initial_sd, 6)
         if len(self.initial_mean) != 6:
             raise ValueError(f"initial_mean must have 6 numbers, got {len(self.initial_mean)}")
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        drawn = self.initial == "drawn"
+        keys = {"initial_mean": "scenario.initial=document"} if drawn else {"smallest": "scenario.initial=drawn"}
+        if self.truth == "model":
+            keys |= dict.fromkeys(_OF_MANOEUVRE, "scenario.truth=manoeuvre")
+        return keys | super().unread(source)
 
     @property
     def lost_beyond(self) -> float:
@@ -193,8 +195,7 @@ class Car(Scenario):
         truth = np.empty((6, time.size, len(runs)))
         state = begin
         for k in range(time.size):
-            state = np.stack(vehicle.drive(state, np.empty(0), rates[k], self.dt))
-            truth[:, k] = state
+            truth[:, k] = state = np.stack(vehicle.drive(state, np.empty(0), rates[k], self.dt))
         return begin, vehicle.SPACE.plus(truth, np.zeros(1))
 
     def _scan(

@@ -56,11 +56,22 @@ class History:
 class Scenario(ABC):
     """A problem: its spaces and models, where its records come from, and how it looks.
 
+    of_simulation, of_recordings: its keys that simulated data alone, or files alone, are made with.
     file_names: of its recordings, the names that each kind of file may have, the original's first. Where there are
     some, :meth:`read` takes estlab.datasets.files.Options as its fifth argument.
+    timed: whether its files carry times, so that their clocks may be at fault.
     """
 
+    of_simulation: ClassVar[Sequence[str]] = ()
+    of_recordings: ClassVar[Sequence[str]] = ()
     file_names: ClassVar[Mapping[str, Sequence[str]]] = {}
+    timed: ClassVar[bool] = False
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        """The scenario's keys that a run on data from this source does not read, each with the setting that would."""
+        if source == "files":
+            return dict.fromkeys(self.of_simulation, "data=simulated")
+        return dict.fromkeys(self.of_recordings, "data=files")
 
     @property
     def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
@@ -108,7 +119,11 @@ class Scenario(ABC):
         raise UserError(f"{type(self).__name__} has no file layout to write")
 
     def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
-        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies."""
+        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies.
+
+        The axes are of the first two components of the position, or of time and a position of one. Clouds are drawn
+        over the same.
+        """
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """A table of the problem's own, by column, for the terminal and <scenario>.csv; empty for none."""

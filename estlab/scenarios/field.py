@@ -4,13 +4,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from estlab.datasets import evaluation
 from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.maths.gaussian import Gaussian
+from estlab.maths.rows import matrix
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
@@ -35,6 +36,7 @@ class Field(Scenario):
     """Bearing-only localisation among known landmarks, from a known start or from anywhere."""
 
     file_names = evaluation.LAYOUT
+    of_simulation: ClassVar = ("duration",)
 
     dt: float
     duration: float
@@ -75,6 +77,15 @@ class Field(Scenario):
         for i, (low, high) in enumerate(zip(self.box_low, self.box_high, strict=True)):
             if not low < high:
                 raise ValueError(f"box_high[{i}] must be > box_low[{i}]={low:g}, got {high:g}")
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        if self.prior == "known":
+            keys = dict.fromkeys(("box_low", "box_high", "found_radius"), "scenario.prior=uniform")
+        else:
+            keys = dict.fromkeys(("start", "prior_sd"), "scenario.prior=known")
+            if source == "files":
+                del keys["start"]  # from where the commanded path is drawn
+        return keys | super().unread(source)
 
     @property
     def lost_beyond(self) -> float:
@@ -153,6 +164,26 @@ class Field(Scenario):
         )
         return [evaluation.write(made, folder / f"{prefix}{evaluation.LAYOUT['data'][0]}")]
 
+    def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """Of a run of a single step, the matrices that its linearisation uses, row by row, as the document works them.
+
+        Q of the reading, M of the command, G and V of the motion at the start, H of the reading where the motion leads.
+        """
+        history = next(iter(histories.values()))
+        if self.prior != "known" or history.time.size > 1 or not history.step.size:
+            return {}
+        motion, sensor = self.motion(Scales(1.0, 1.0)), self.sensor(Scales(1.0, 1.0), history.places)
+        command, start = history.shown["command"], np.array(self.start)
+        by_state, by_noise = (matrix(rows, ()) for rows in odometry.jacobians(start, command, self.dt))
+        ahead = np.stack(odometry.turn_move_turn(start, command, np.zeros(3), self.dt))
+        seen = matrix(landmarks.bearing_slope(ahead, history.places[:, history.target[0]]), ())
+        of = {"Q": sensor.noise_cov, "M": motion.noise_cov(command, self.dt), "G": by_state, "V": by_noise, "H": seen}
+        rows = {f"{name}{i + 1}" if len(m) > 1 else name: row for name, m in of.items() for i, row in enumerate(m)}
+        columns = [
+            [float(f"{row[i]:.6g}") + 0.0 if i < len(row) else math.nan for row in rows.values()] for i in range(3)
+        ]
+        return {"row": list(rows), "1": columns[0], "2": columns[1], "3": columns[2]}
+
     def draw(self, axes: "Axes", history: History) -> None:
         commanded = history.shown["commanded"][:2, : history.time.size]
         axes.plot(*commanded, "--", color="0.6", lw=1.0, label="commanded path")
@@ -183,7 +214,7 @@ class Field(Scenario):
             readings,
             self._belief(every),
             places=self._places,
-            shown={"commanded": self._obeyed(begin[:, 0], command)},
+            shown={"commanded": self._obeyed(begin[:, 0], command), "command": command[:, 0]},
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:

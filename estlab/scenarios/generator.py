@@ -77,29 +77,42 @@ class Generator(Scenario):
             "mean_error2": (of_mean**2).sum(axis=(0, 2)),
             "cov_error2": (of_cov**2).sum(axis=(0, 1, 3)),
         }
-        return replace(record, sums=sums)
+        first = {
+            "mean": np.array(self.mean)[:, None] + of_mean[:, :, 0],
+            "cov": np.array(self.cov)[:, :, None] + of_cov[:, :, :, 0],
+        }
+        return replace(record, sums=sums, shown=first)
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """Mean and covariance of the first run's samples, as their number grows by decades, beside what they should be;
+        and how far they are from b and P, root mean squares over the runs, beside what is expected.
+        """
         shown = next(iter(histories.values())).shown
-        expected_mean, expected_cov = self.expected()
-        return {
-            "samples": [str(size) for size in self.sizes],
-            "RMS error of mean": list(np.sqrt(shown["mean_error2"] / shown["count"])),
-            "expected of mean": list(expected_mean),
-            "RMS error of covariance": list(np.sqrt(shown["cov_error2"] / shown["count"])),
-            "expected of covariance": list(expected_cov),
+        entries = list(zip(*np.triu_indices(len(self.mean)), strict=True))
+        names = [*(f"mean {name}" for name in self.space.names), *(f"P{i + 1}{j + 1}" for i, j in entries)]
+        names += ["|m - b|", "|m - b| expected", "|S - P|", "|S - P| expected"]
+
+        def column(mean: Array, cov: Array, off: Array) -> list[float]:
+            return [float(f"{number:.4g}") for number in (*mean, *(cov[entry] for entry in entries), *off)]
+
+        off = np.stack([*self._off(shown), *self.expected()])[[0, 2, 1, 3]]
+        columns = {
+            str(size): column(shown["mean"][:, k], shown["cov"][:, :, k], off[:, k])
+            for k, size in enumerate(self.sizes)
+            if np.log10(size).is_integer() or k + 1 == self.sizes.size
         }
+        return {"samples": names, **columns, "true": column(np.array(self.mean), np.array(self.cov), np.zeros(4))}
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         from matplotlib.figure import Figure
 
-        columns = self.table(histories)
-        runs = int(next(iter(histories.values())).shown["count"])
+        shown = next(iter(histories.values())).shown
+        runs = int(shown["count"])
         figure = Figure(figsize=(9.0, 5.4), layout="constrained")
         axes = figure.add_subplot()
-        for what, colour, marker in (("mean", "C0", "o"), ("covariance", "C3", "s")):
-            axes.loglog(self.sizes, columns[f"expected of {what}"], color=colour, lw=1.2, label=f"{what}, expected")
-            found = columns[f"RMS error of {what}"]
+        kinds = (("mean", "C0", "o"), ("covariance", "C3", "s"))
+        for (what, colour, marker), found, expected in zip(kinds, self._off(shown), self.expected(), strict=True):
+            axes.loglog(self.sizes, expected, color=colour, lw=1.2, label=f"{what}, expected")
             axes.loglog(self.sizes, found, marker, color=colour, ms=6, mfc="white", label=f"{what}, RMS of {runs} runs")
         axes.set_xlabel("samples n")
         axes.set_ylabel("distance from b and from P (norm of the difference)")
@@ -116,6 +129,10 @@ class Generator(Scenario):
         """
         cov = np.array(self.cov)
         return np.sqrt(np.trace(cov) / self.sizes), np.sqrt((np.trace(cov) ** 2 + (cov**2).sum()) / (self.sizes - 1))
+
+    def _off(self, shown: dict[str, Array]) -> tuple[Array, Array]:
+        """Root mean squares over the runs of the distances of mean and covariance, at each of the sizes."""
+        return np.sqrt(shown["mean_error2"] / shown["count"]), np.sqrt(shown["cov_error2"] / shown["count"])
 
     def _errors(self, draws: Draws, runs: int) -> tuple[Array, Array]:
         """Errors of the sample mean (n, sizes, runs) and of the sample covariance (n, n, sizes, runs)."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -42,7 +42,12 @@ _COMMANDS = np.array([[0.5, 0.0], [0.0, -0.5 / np.pi], [0.5, 0.0], [0.0, 0.5 / n
 class Landmark(Scenario):
     """Range and bearing to landmarks known by their barcodes; simulated room or MRCLAM files."""
 
+    of_simulation: ClassVar = (
+        "dt", "duration", "reading_every", "max_range", "field_of_view", "dropped", "speed", "drive",
+    )  # fmt: skip
+    of_recordings: ClassVar = ("truth_gap", "unknown_barcodes")
     file_names = mrclam.LAYOUT
+    timed = True
 
     dt: float
     duration: float
@@ -58,6 +63,7 @@ class Landmark(Scenario):
     initial: Literal["drawn", "truth"]
     update: Literal["sequential", "stacked", "interleaved"]
     interleave_dt: float
+    sightings: list[list[float]]
     truth_gap: float
     unknown_barcodes: float
     lost_radius: float
@@ -72,11 +78,20 @@ class Landmark(Scenario):
         check_sds("initial_sd", self.initial_sd, 3)
         if not 1 <= self.reading_every <= 1_000_000:
             raise ValueError(f"reading_every must be from 1 to 1e6, got {self.reading_every}")
+        for i, sighting in enumerate(self.sightings):
+            if len(sighting) != 5:
+                raise ValueError(f"sightings[{i}] must be [x, y, heading, landmark x, landmark y], got {sighting}")
         if not 0.0 < self.field_of_view <= 2.0 * np.pi:
             raise ValueError(f"field_of_view must be > 0 and at most 2 pi [rad], got {self.field_of_view:g}")
         for name, share in (("dropped", self.dropped), ("unknown_barcodes", self.unknown_barcodes)):
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} must be a share from 0 to 1, got {share:g}")
+
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        keys = {} if self.update == "interleaved" else {"interleave_dt": "scenario.update=interleaved"}
+        if self.drive == "commands":
+            keys["speed"] = "scenario.drive=tour"
+        return keys | super().unread(source)
 
     @property
     def lost_beyond(self) -> float:
@@ -110,11 +125,13 @@ class Landmark(Scenario):
         duration = self.duration if self.drive == "tour" else min(self.duration, float(_COMMANDS.shape[1]))
         steps = round(duration / self.dt)
         time = self.dt * np.arange(1, steps + 1)
-        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])[:, None].repeat(len(runs), axis=1)
+        first = _TOUR[:, 0] if self.drive == "tour" else np.zeros(2)
+        begin = np.array([*first, 0.0])[:, None].repeat(len(runs), axis=1)
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
         prior = self._prior(streams, runs, begin)
-        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, origin=begin)
+        shown = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
+        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, shown=shown, origin=begin)
 
     def read(
         self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
@@ -144,10 +161,10 @@ class Landmark(Scenario):
         time = np.concatenate([[record.start], record.time])
         control = np.concatenate([record.control[:, :, 0].T, np.zeros((1, 2))])
         seen = np.isfinite(record.readings.values[:, :, 0]).all(axis=0)
-        begin = np.array([_TOUR[0, 0], _TOUR[1, 0], 0.0])
+        assert record.origin is not None
         recording = mrclam.Recording(
             odometry=np.column_stack([time, control]),
-            truth=np.column_stack([time, np.concatenate([begin[None], record.truth[:, :, 0].T])]),
+            truth=np.column_stack([time, np.concatenate([record.origin[:, 0][None], record.truth[:, :, 0].T])]),
             reading_time=record.time[record.readings.step[seen]],
             readings=record.readings.values[:, seen, 0],
             target=record.readings.target[seen, 0],
@@ -158,7 +175,33 @@ class Landmark(Scenario):
         )
         return mrclam.write(recording, folder, prefix)
 
+    def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
+        """What would be read at the sightings asked for; else of the sample commands, where each of them ends."""
+        if self.sightings:
+            columns = np.array(self.sightings).T
+            pose, (x, y) = columns[:3], columns[3:]
+            distance, bearing = landmarks.range_bearing(pose, columns[3:])
+            return {
+                "sighting": [str(i + 1) for i in range(x.size)],
+                **dict(zip(("x [m]", "y [m]", "heading [rad]"), map(list, pose), strict=True)),
+                "landmark x [m]": list(x),
+                "landmark y [m]": list(y),
+                "range [m]": [float(f"{value:.4f}") for value in distance],
+                "bearing [rad]": [float(f"{value:.4f}") for value in wrap(np.asarray(bearing))],
+            }
+        history = next(iter(histories.values()))
+        if "commands" not in history.shown:
+            return {}
+        ends = [k for k, time in enumerate(history.time) if abs(time - round(time)) < 0.5 * self.dt]
+        commanded = [list(column) for column in history.shown["commands"][:, ends]]
+        reached = [[float(f"{value:.4f}") + 0.0 for value in component] for component in history.mean[:, ends]]
+        names = ("v [m/s]", "w [rad/s]", "x [m]", "y [m]", "heading [rad]")
+        seconds = [f"{history.time[k]:.0f}" for k in ends]
+        return {"after [s]": seconds, **dict(zip(names, [*commanded, *reached], strict=True))}
+
     def draw(self, axes: "Axes", history: History) -> None:
+        if not history.step.size:
+            return  # a path alone is seen better without the room about it
         seen = landmarks.seen_at(history.mean[:, history.step], history.values)
         axes.plot(seen[0], seen[1], ".", color="C1", ms=2, alpha=0.4, label="readings, placed from the estimate")
         axes.plot(history.places[0], history.places[1], "ks", ms=6, label="landmarks")

@@ -48,6 +48,10 @@ class Radar(Scenario):
             raise ValueError(f"bearing_sd must have the keys i and ii, got {', '.join(self.bearing_sd)}")
         check_positive(**{f"bearing_sd.{case}": sd for case, sd in self.bearing_sd.items()})
 
+    def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
+        other = "ii" if self.case == "i" else "i"
+        return {f"bearing_sd.{other}": f"scenario.case={other}"} | super().unread(source)
+
     @property
     def space(self) -> Space:
         return polar.PLACE

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Sonar(Scenario):
     """A robot that knows the map and the beacons but not where it is; simulated, or the document's two files."""
 
     file_names = problem4.LAYOUT
+    of_simulation: ClassVar = ("duration", "speed", "turn_rate", "bounds", "margin", "beacons")
 
     dt: float
     duration: float

@@ -7,7 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estlab.errors import UserError
-from estlab.expectations import WORDS, Bounds, Finding, _shown, check, columns, parse, unmet
+from estlab.expectations import (
+    WORDS,
+    Bounds,
+    Finding,
+    _shown,
+    check,
+    columns,
+    of_recording,
+    over,
+    parse,
+    parse_sets,
+    unmet,
+)  # fmt: skip
 
 
 def row(metric, component, value, low=math.nan, high=math.nan):
@@ -182,3 +194,51 @@ def test_the_interval_stands_beside_the_value():
     assert Finding("ekf", "rmse.x", "1", "0.15", False, 0.15, 0.1, 0.2).cells() == (
         "ekf", "rmse.x", "1", "0.15 [0.1, 0.2]", "FAILED",
     )  # fmt: skip
+
+
+TABLE = {"transform": ["ekf", "exact"], "mean x [m]": [75.9, 75.8], "Pxx [m^2]": [1.0, math.nan]}
+
+
+def cells(expect):
+    return [(f.filter, f.what, f.found, f.met) for f in check(parse({"table": expect}, ["ekf"]), ROWS, TABLE)]
+
+
+def test_a_cell_of_the_own_table_is_found_by_column_and_row_once_for_all_filters():
+    assert cells({"mean x": {"ekf": [75.85, 75.95]}}) == [("", "table.mean x.ekf", "75.9", True)]
+    assert cells({"mean x [m]": {"exact": {"max": 75.0}}}) == [("", "table.mean x [m].exact", "75.8", False)]
+    assert cells({"Pxx": {"exact": {"min": 0}}}) == [("", "table.Pxx.exact", "nan", False)]
+
+
+def test_a_cell_that_is_not_there_is_not_met_and_the_table_is_named():
+    there = "not found (there are columns transform, mean x [m], Pxx [m^2]; rows ekf, exact)"
+    assert cells({"mean z": {"ekf": 1}, "Pxx": {"ukf": 1}}) == [
+        ("", "table.mean z.ekf", there, False), ("", "table.Pxx.ukf", there, False),
+    ]  # fmt: skip
+    (without,) = check(parse({"table": {"x": {"1": 1}}}, ["ekf"]), ROWS)
+    assert (without.found, without.met) == ("not found (there is no table)", False)
+    with pytest.raises(UserError, match=r"expect.table.x: a cell of the table is expect.table.<column>.<row>"):
+        parse({"table": {"x": 1}}, ["ekf"])
+
+
+def test_a_recording_has_the_expectations_of_its_files_and_what_is_typed_goes_over_them():
+    sets = {"0123456789": {"anees": 1, "rmse": {"x": 2, "y": 3}}, "fedcba98": {"anees": 4}}
+    known = of_recording(sets, ["0123456789abcdef", "7777"])
+    assert known == sets["0123456789"]
+    assert of_recording(sets, ["0123456"]) == of_recording(sets, []) == of_recording(None, ["0123"]) == {}
+    assert over(known, {"rmse": {"x": None, "z": 5}}) == {"anees": 1, "rmse": {"x": None, "y": 3, "z": 5}}
+    assert over(known, None) == known
+    assert over(known, {"rmse": [1, 2]}) == {"anees": 1, "rmse": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (5, "expect_files must be a group, or null for none; got 5"),
+        ({"epuck": {}}, "expect_files takes 8 to 64 digits of a file's SHA-256 as keys, from run.json; got epuck"),
+        ({"0123abcd": {"rmse": {"x": {"efk": 1}}}}, "there is no filter x or efk here; did you mean ekf?"),
+    ],
+)
+def test_expectations_of_recordings_are_checked_before_the_run(sets, message):
+    with pytest.raises(UserError) as caught:
+        parse_sets(sets, ["ekf"])
+    assert message in str(caught.value)

@@ -54,7 +54,9 @@ class CompiledLoop(Loop):
         """Compile the loop, or find it compiled, by going one step."""
         self.estimate(record.first(1), draws)
 
-    def estimate(self, record: Record, draws: Draws, tick: Callable[[], None] = _unheard) -> Estimates:
+    def estimate(
+        self, record: Record, draws: Draws, tick: Callable[[], None] = _unheard, watched: int = 0
+    ) -> Estimates:
         from estlab.filters.compiled import cache
 
         filter = self.filter

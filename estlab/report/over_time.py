@@ -1,0 +1,220 @@
+"""The pictures of a run over time: errors, NEES and NIS, effective sample size."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estlab.maths.space import Array, Space
+from estlab.report import components
+from estlab.report.figures import (
+    broken_at_gaps,
+    colours,
+    cornered,
+    drawable,
+    legend_below,
+    line,
+    logarithmic,
+    named,
+    new_figure,
+    short,
+    telling,
+    within_reach,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TRUTH, ESTIMATE, BAND, ENSEMBLE = "black", "C0", "C3", "C2"
+_DENSE = 1500  # steps from which a line would be a smear
+_CUT = 10.0  # times as large as the smallest, from which a filter's errors leave a panel
+_LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
+_HIGHEST = 1e4  # of a NEES / n that is drawn
+
+Columns = Mapping[str, Array]
+
+
+def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":
+    """One panel a component: the first run's error and +-3 sigma, the bound, for one filter the ensemble's RMSE.
+
+    Where the truth of a component is not known, its estimate and +-3 sigma about that. Of many components some.
+    """
+    shown = components.chosen(components.ratios(errors, space.size), space.position)
+    note = components.selection(shown, space.size)
+    figure, panels = new_figure(len(shown), f"{title} · {note}" if note else title, 1.7)
+    for i, axes in zip(shown, panels, strict=True):
+        mine = {name: {key: column[i :: space.size] for key, column in one.items()} for name, one in errors.items()}
+        if any(np.isfinite(columns["error"]).any() for columns in mine.values()):
+            _draw_component(axes, mine, runs)
+        else:
+            _draw_estimates(axes, mine, runs, i in space.angles)
+        named(axes, space.names[i], space.units[i])
+    if len(errors) > 1:
+        panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
+    panels[-1].set_xlabel("time [s]")
+    legend_below(figure, panels[0])
+    return figure
+
+
+def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range) -> None:
+    """Of one component, every filter's error about zero."""
+    alone = len(errors) == 1
+    for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
+        of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
+        _draw_band(axes, columns, np.zeros(columns["time"].size), colour, of, alone)
+        line(axes, columns, "error", color=colour, lw=_width(columns), label=short(f"error, {of}"))
+        if alone and len(runs) > 1:
+            line(axes, columns, "rmse", color=ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {len(runs)} runs")
+    first = next(iter(errors.values()))
+    if np.isfinite(first["bound"]).any():
+        line(axes, first, "bound", color=TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
+    _limit(axes, errors)
+
+
+def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
+    """Of one component whose truth is not known, every filter's estimate."""
+    alone = len(errors) == 1
+    edges = []
+    for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
+        of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
+        middle = drawable(columns["estimate"])
+        jumps = angle & (np.abs(np.diff(middle, append=middle[-1:])) > np.pi)
+        about = np.where(jumps, np.nan, middle)
+        _draw_band(axes, columns, about, colour, of, alone)
+        label = short(f"estimate, truth not known, {of}")
+        line(axes, {**columns, "about": about}, "about", color=colour, lw=_width(columns), label=label)
+        known = np.isfinite(middle) & np.isfinite(columns["upper3"])
+        if known.any():
+            wide = np.minimum(columns["upper3"][known], np.quantile(columns["upper3"][known], 0.9))
+            edges += [(middle[known] - wide).min(), (middle[known] + wide).max()]
+    if edges and max(edges) > min(edges):
+        room = 0.05 * (max(edges) - min(edges))
+        axes.set_ylim(min(edges) - room, max(edges) + room)
+
+
+def _draw_band(axes: "Axes", columns: Columns, about: Array, colour: str, of: str, alone: bool) -> None:
+    """+-3 sigma about a line."""
+    dense = columns["time"].size > _DENSE
+    band = BAND if alone else colour
+    shown = telling(columns["upper3"])
+    low, high = (drawable(about + columns[key]) for key in ("lower3", "upper3"))
+    axes.fill_between(
+        columns["time"][shown],
+        low[shown],
+        high[shown],
+        color=band,
+        alpha=(0.35 if dense else 0.15) if alone else 0.08,
+        lw=0,
+        label=short(f"±3 sigma, {of}") if alone else None,
+    )
+    if not dense:
+        for edge in (low, high):
+            axes.plot(columns["time"], edge, color=band, lw=0.8, ls="-" if alone else ":")
+
+
+def _width(columns: Columns) -> float:
+    return 0.7 if columns["time"].size > _DENSE else 1.0
+
+
+def _limit(axes: "Axes", errors: Mapping[str, Columns]) -> None:
+    """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel.
+
+    It is that of the filters that hold: one that is lost leaves the panel, which says so.
+    """
+    sizes = {name: _settled(columns) for name, columns in errors.items()}
+    # A filter that diverged on its way says nothing of the scale, unless each one did.
+    whole = [name for name, columns in errors.items() if not np.isnan(columns["estimate"]).any()] or list(errors)
+    size, gone = within_reach({name: sizes[name] for name in whole}, _CUT)
+    if np.isfinite(size) and 0.0 < size < 1e99:
+        axes.set_ylim(-1.25 * size, 1.25 * size)
+        gone += [name for name in errors if name not in whole and not sizes[name] <= 1.25 * size]
+    beyond = ", ".join(f"{name} (±{sizes[name]:.2g})" for name in gone[:3])
+    cornered(axes, f"beyond the panel: {beyond}" if beyond else "")
+
+
+def _settled(columns: Columns) -> float:
+    """How large errors and band are for most of the time; NaN where neither is known, infinite where they are not."""
+    parts = ((columns["upper3"], 0.9), (np.abs(columns["error"]), 0.99))
+    sizes = [float(np.quantile(values[np.isfinite(values)], share)) for values, share in parts if _any(values)]
+    return max(sizes, default=np.nan)
+
+
+def _any(values: Array) -> bool:
+    return bool(np.isfinite(values).any())
+
+
+def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, title: str, runs: range) -> "Figure":
+    """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
+    figure, (axes,) = new_figure(1, title, 3.6)
+    tints = dict(zip(by_filter, colours(len(by_filter)), strict=True))
+    shown = {name: columns for name, columns in by_filter.items() if columns["time"].size}
+    longest = max(columns["time"].size for columns in shown.values())
+    dense = len(runs) == 1 and longest > 600
+    count = max(int(columns["runs_scored"].max()) for columns in shown.values())
+    mean = "" if len(runs) == 1 else f", mean of {count} runs"
+    first = next(iter(shown))
+    for name, columns in shown.items():
+        label = short(what + mean if len(shown) == 1 else f"{name}{mean}")
+        broken = broken_at_gaps({key: columns[key] for key in ("time", column)})
+        style = "." if dense else "-"
+        values = np.where(broken[column] > 0.0, drawable(broken[column]), np.nan)
+        axes.plot(broken["time"], values, style, ms=2, color=tints[name], lw=1.0, label=label)
+    band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
+    label = "95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}")
+    axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=short(label))
+    axes.axhline(1.0, color="0.4", lw=0.8)
+    low, high, note = _span(shown, column, 0.005 if dense else 0.0)
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    cornered(axes, note)
+    logarithmic(axes.yaxis, low, high)
+    axes.set_ylabel(f"{what} (in the band when consistent)")
+    axes.set_xlabel("time [s]")
+    legend_below(figure, axes)
+    return figure
+
+
+def _span(shown: Mapping[str, Columns], column: str, tail: float) -> tuple[float, float, str]:
+    """The ends of the axis, which the filters that hold and the band decide, and what is said of the others."""
+    values = {name: columns[column][_known(columns[column])] for name, columns in shown.items()}
+    values = {name: found for name, found in values.items() if found.size}
+    _, gone = within_reach({name: float(np.quantile(found, 0.99)) for name, found in values.items()}, _LOST)
+    inside = [found for name, found in values.items() if name not in gone]
+    lows = [0.8 * float(np.quantile(found, tail)) for found in inside]
+    highs = [1.25 * float(np.quantile(found, 1.0 - tail)) for found in inside]
+    bands = [columns[key][_known(columns[key])] for columns in shown.values() for key in ("lower", "upper")]
+    lows += [0.5 * float(band.min()) for band in bands if band.size]  # NaN where the statistic has no law
+    highs += [2.0 * float(band.max()) for band in bands if band.size]
+    low = float(np.clip(min(lows, default=0.5), 1e-4, 0.5))
+    high = float(np.clip(max(highs, default=2.0), 2.0, _HIGHEST))
+    beyond = {name: float(found.max()) for name, found in values.items() if found.max() > 2.0 * high}
+    said = ", ".join(f"{name} (to {most:.2g})" for name, most in list(beyond.items())[:3])
+    return low, high, f"beyond the panel: {said}" if said else ""
+
+
+def _known(values: Array) -> Array:
+    return np.isfinite(values) & (values > 0.0)
+
+
+def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
+    """The effective sample size over time."""
+    figure, (axes,) = new_figure(1, title, 3.0)
+    for (name, columns), colour in zip(notes.items(), colours(len(notes)), strict=True):
+        line(axes, columns, "mean", color=colour, lw=1.0, label=short(f"{name}, mean of {len(runs)} runs"))
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("effective sample size [particles]")
+    axes.set_xlabel("time [s]")
+    legend_below(figure, axes)
+    return figure
+
+
+def noted(notes: Columns, name: str) -> dict[str, Array]:
+    """The lines of notes.csv that are of one of the notes."""
+    mine = notes["note"] == name
+    return {key: notes[key][mine] for key in ("time", "mean")}
+
+
+def consistency_of(by_filter: Mapping[str, Columns], column: str) -> dict[str, Columns]:
+    """The filters of which there is anything to draw."""
+    return {name: one for name, one in by_filter.items() if np.isfinite(np.asarray(one[column])).any()}
