@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from estlab.errors import UserError, printable
 from estlab.launch import FAILED, OK, complain
+from estlab.path_arguments import home
 
 if TYPE_CHECKING:
     from estlab.archive.pairing import Pair
@@ -97,9 +98,9 @@ def _read(arguments: Sequence[str]) -> Wanted:
             elif flag == "--against":
                 wanted.against = value
             elif flag == "--csv":
-                wanted.csv = value
+                wanted.csv = home(value)
             else:
-                wanted.plot = Path(value)
+                wanted.plot = Path(home(value))
         elif word in _FLAGS:
             if wanted.form not in ("", word):
                 raise UserError("--md and --latex are two forms of one output; take one")
@@ -133,7 +134,7 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
 
 
 def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
-    """The columns: those named, or errors of the position, or of each component of a run without one, and verdicts."""
+    """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
     from estlab.config import nearest
     from estlab.report.compared import VERDICT
 
@@ -154,7 +155,7 @@ def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
 
 def _errors(row: "Row") -> "list[Metric]":
     errors = [metric for metric in row.metrics if metric[0] == "rmse"]
-    return [("rmse", "position")] if ("rmse", "position") in errors else errors
+    return [metric for metric in (("rmse", "position"), ("rmse", "all")) if metric in errors][:1] or errors
 
 
 def _against(rows: "Sequence[Row]", wanted: str) -> int:
@@ -220,6 +221,7 @@ def _plot(file: Path, rows: "Sequence[Row]", components: Sequence[str]) -> None:
     """Draw the overlay, of the rows whose tables can be read."""
     from estlab.datasets.whole import write_whole
     from estlab.report import overlay
+    from estlab.report.figures import boxes_for_letters
 
     curves, unread = overlay.curves_of(rows)
     for line in unread:
@@ -230,5 +232,6 @@ def _plot(file: Path, rows: "Sequence[Row]", components: Sequence[str]) -> None:
     if len(curves) > overlay.MOST:
         complain(f"{file}: shows the first {overlay.MOST} of {len(curves)} rows, more would not be told apart")
     figure = overlay.draw(curves[: overlay.MOST], components)
-    write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))
+    with boxes_for_letters():
+        write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))
     print(printable(str(file)), file=sys.stderr)

@@ -6,6 +6,7 @@ from typing import Any, BinaryIO
 
 from estlab.archive.pairing import Pair
 from estlab.archive.rows import Metric, Row
+from estlab.errors import printable
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.report.grids import Grid
 
@@ -15,14 +16,15 @@ VERDICT: Metric = ("verdict", "all")
 
 
 def metrics_grid(rows: Sequence[Row], metrics: Sequence[Metric]) -> Grid:
-    """A line a row: its number, label and metrics with their intervals."""
+    """A line a row: its number, label and metrics with their intervals; those that no row has are left out."""
     units = {metric: {row.metrics[metric].unit for row in rows if metric in row.metrics} for metric in metrics}
     headings = ["", "", *(_heading(metric, units[metric]) for metric in metrics)]
     lines = [
         [str(number), row.label, *(_cell(row, metric, len(units[metric]) > 1) for metric in metrics)]
         for number, row in enumerate(rows, 1)
     ]
-    return Grid(_title(rows), headings, lines, 2)
+    shown = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
+    return Grid(_title(rows), [headings[i] for i in shown], [[line[i] for i in shown] for line in lines], 2)
 
 
 def differences_grid(
@@ -36,7 +38,8 @@ def differences_grid(
     for number, row in enumerate(rows, 1):
         pair = pairs.get(row.label)
         for component in components if pair else ():
-            if pair and (one := pair.differences.get(component)):
+            one = pair.differences.get(component) if pair else None
+            if one and one.found.value == one.found.value:
                 unit = row.metrics["rmse", component].unit
                 wins = f"{100.0 * one.wins:.0f} % of {one.found.n}" if one.found.n else ""
                 cells = (figure(one.found), interval(one.found), p_value(one.p_holm), wins)
@@ -93,7 +96,7 @@ def write(
                 f"{name}.n": found.found.n if found else None,
             }
         lines.append(line)
-    table = pd.DataFrame(lines).map(_harmless)
+    table = pd.DataFrame(lines).map(_harmless).rename(columns=_harmless)
     whole = {name: "Int64" for name in table if name == "against" or str(name).endswith((".n", ".of"))}
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
     table.astype(whole).to_csv(text, index=False)
@@ -117,8 +120,10 @@ def _numbers(row: Row, metric: Metric) -> dict[str, Any]:
 
 
 def _harmless(cell: Any) -> Any:
-    """A text that a spreadsheet would take for a formula, as text."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
+    """A text without what would steer a terminal, and as text where a spreadsheet would take it for a formula."""
+    if not isinstance(cell, str):
+        return cell
+    return f"'{printable(cell)}" if cell.startswith(("=", "+", "-", "@", "\t", "\r")) else printable(cell)
 
 
 def _title(rows: Sequence[Row]) -> str:

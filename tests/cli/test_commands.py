@@ -12,9 +12,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from estlab import __version__
+from estlab import __version__, results
 from estlab.cli import main
 from estlab.filters.loop import Loop
+from estlab.metrics import rows
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
@@ -53,6 +54,15 @@ def test_list_shows_what_is_in_conf(capsys):
     assert main(["list", "filters"]) == 0
     assert "scenarios" not in capsys.readouterr().out
     assert main(["list", "fruits"]) == 2
+    Path("mine/scenario").mkdir(parents=True)
+    Path("mine/scenario/kite.yaml").write_text("# A kite in the wind\n# @package _group_\n_target_: kite.Kite\n")
+    Path("mine/scenario/bytes.yaml").write_bytes(b"# \x1b[31m\xff\n")
+    capsys.readouterr()
+    assert main(["list", "scenarios", "--config-dir", "mine"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^  kite +A kite in the wind$", out, re.MULTILINE)
+    assert re.search(r"^  car ", out, re.MULTILINE)
+    assert "\x1b" not in out
 
 
 def test_a_run_writes_everything_the_contract_names(capsys):
@@ -158,9 +168,34 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "filter=pf", "filter.particles=1e9"], "filter.particles must be from 2 to 2e7"),
         (["simulate", "scenario=radar", "data.path=made"], "Radar has no file layout to write"),
         (["run", "fliter=ukf"], "unknown key fliter; did you mean filter?"),
+        (
+            ["run", "filter=[ekf,pf]", "filters.pf.resample_below=1"],
+            "filters.pf takes particles, resampling, threshold",
+        ),
+        (["run", "+experiment=field_errors", "filters.pf.partcles=9"], "did you mean filters.pf.particles?"),
+        (
+            ["run", "filter=[ekf,pf]", "filter.gate=0.9"],
+            "would not be used, there are several filters: write filters.<ekf|pf>.gate",
+        ),
+        (["run", "filter=ekf", "filters.pf.particles=9"], "there is no pf among several filters here"),
+        (["sweep", "filter=pf,ukf", "filter.particels=9,10"], "did you mean filter.particles?"),
+        (["run", "+expriment=smoke"], "unknown key expriment; did you mean +experiment?"),
+        (["run", "+experiment=smok"], "there is no experiment smok; did you mean smoke? (one of car_document, "),
+        (["run", "hydra/lancher=dask"], "unknown key hydra/lancher; did you mean hydra/launcher?"),
+        (["run", "hydra.rnu.dir=x"], "unknown key hydra.rnu.dir; did you mean hydra.run.dir?"),
+        (["run", "~filter.alhpa"], "unknown key filter.alhpa; did you mean filter.alpha?"),
+        (["run", "--config-dir", "nowhere"], "--config-dir: there is no folder"),
+        (["run", "--confg-dir", "x"], "there is no flag --confg-dir; did you mean --config-dir?"),
+        (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
+        (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
+        (["list", "experimnts"], "got experimnts; did you mean experiments?"),
+        (["list", "--config-dir", "nowhere"], "--config-dir: there is no folder nowhere"),
+        (["list", "--cfg", "job"], "estlab list takes --config-dir DIR and --help, not --cfg=job"),
+        (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
+        (["run", "seed=1e30"], "seed is too large a number"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
-        (["run", "filter.alpha=="], "Error parsing override"),
+        (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
         (["run", "data.path=somewhere"], "data.path=somewhere would not be read: add data=files"),
         (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
@@ -175,6 +210,15 @@ def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message,
     assert text.startswith("estlab: ")
     assert message in text
     assert text.count("\n") == 1
+
+
+def test_who_asks_for_hydras_traceback_gets_it(monkeypatch):
+    from hydra.errors import HydraException
+
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    for word in ("filter=ukff", "filter.alhpa=1", "seed=a b]"):
+        with pytest.raises(HydraException):
+            main(["run", word])
 
 
 def test_a_typing_error_removes_nothing_that_was_there(tmp_path):
@@ -322,6 +366,30 @@ def test_a_bug_is_said_with_where_the_traceback_is(monkeypatch, capsys):
     )
     assert status(latest())["status"] == "failed"
     assert "Traceback" in (latest() / "log.txt").read_text()
+
+
+def test_a_statistic_that_breaks_is_a_remark_and_a_run_without_errors_has_failed(monkeypatch, capsys):
+    def broken(*_):
+        raise ZeroDivisionError("one over nothing")
+
+    words = ["run", "scenario=field", *TINY, "plots=false", "expect.efficiency.x=[0,9]"]
+    monkeypatch.setattr(results, "posterior_bound", broken)
+    assert main([*words, "expect=null", "hydra.run.dir=remark"]) == 0
+    said = "missing: Cramér-Rao bound (ZeroDivisionError: one over nothing); the traceback is in log.txt"
+    assert said in capsys.readouterr().out
+    assert status(Path("remark"))["status"] == "ok"
+    missing = {"Cramér-Rao bound": "ZeroDivisionError: one over nothing"}
+    assert json.loads(Path("remark/run.json").read_text())["missing"] == missing
+    assert "one over nothing" in Path("remark/report.html").read_text()
+    # What is expected of what is missing is not met.
+    assert main([*words, "hydra.run.dir=expected"]) == 1
+    monkeypatch.setattr(rows, "_errors", broken)
+    capsys.readouterr()
+    assert main([*words, "expect=null", "hydra.run.dir=failed"]) == 1
+    assert capsys.readouterr().err.startswith("estlab: the run is incomplete, errors of ukf is missing (ZeroDivision")
+    assert status(Path("failed"))["status"] == "failed"
+    kept = {path.name for path in Path("failed").iterdir()}
+    assert kept >= {"metrics.csv", "tests.csv", "verdicts.csv", "nees.csv", "estimates.npz", "report.html"}
 
 
 def test_a_filter_that_diverges_is_counted_and_the_run_is_ok(capsys):
