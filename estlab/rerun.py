@@ -115,7 +115,7 @@ def _itself(folder: Path) -> Path:
 def _config(before: "Finished", wanted: Wanted) -> dict[str, Any]:
     """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
     config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
-    if config.get("engine") == "numba":  # what compiled the steps until 0.2
+    if config.get("engine") == "numba":  # what compiled the steps before
         config["engine"] = "compiled"
     data = config.get("data")
     if isinstance(data, Mapping) and data.get("source") == "files":

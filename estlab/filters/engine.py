@@ -89,7 +89,12 @@ class CompiledLoop(Loop):
         except ValueError:
             if self.insist:
                 raise
-            return None
+        except (ImportError, OSError) as error:
+            reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
+            if self.insist:
+                raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
+            log.warning("engine=numpy, since %s", reason)
+        return None
 
     @cached_property
     def _programs(self) -> dict[tuple[Shape, bool], Program | None]:

@@ -225,3 +225,17 @@ def test_a_prior_of_each_run_may_be_its_own():
     record = replace(record, prior=own)
     numpy, compiled = (estimated(kind(EKF, linear.MOTION, linear.SENSOR), record) for kind in (Loop, CompiledLoop))
     assert_same(numpy, compiled, within=1e-11)
+
+
+def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplog):
+    def missing():
+        raise OSError("libllvmlite.so: cannot open shared object file")
+
+    monkeypatch.setattr(cache, "lanes", missing)
+    models, record = (pendulum.MOTION, pendulum.SENSOR), pendulum.record()
+    line = r"^engine=compiled: llvmlite cannot be loaded \(libllvmlite\.so: cannot open .+\); install it anew, or take"
+    with pytest.raises(UserError, match=line):
+        estimated(CompiledLoop(EKF, *models), record)
+    found = estimated(CompiledLoop(EKF, *models, insist=False), record)
+    assert "engine=numpy, since llvmlite cannot be loaded" in caplog.text
+    assert np.array_equal(found.mean, estimated(Loop(EKF, *models), record).mean)
