@@ -116,7 +116,7 @@ def _config(before: "Finished", wanted: Wanted) -> dict[str, Any]:
     """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
     config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
     if config.get("engine") == "numba":  # what compiled the steps before
-        config["engine"] = "compiled"
+        config["engine"] = "auto"
     data = config.get("data")
     if isinstance(data, Mapping) and data.get("source") == "files":
         config["data"] = dict(data) | {"path": _data_path(before, str(data.get("path")), wanted.data)}

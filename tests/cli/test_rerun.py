@@ -43,6 +43,13 @@ def newest() -> Path:
     return Path("runs/latest").resolve()
 
 
+def test_what_an_engine_of_before_found_is_found_again(capsys):
+    configure(engine="numba")
+    assert main(["rerun", "runs/latest"]) == 0
+    assert "identical to the last bit" in capsys.readouterr().out
+    assert yaml.safe_load((newest() / "config.yaml").read_text())["engine"] == "auto"
+
+
 def test_a_run_made_again_is_the_same_to_the_last_bit_and_keeps_what_was_typed(capsys):
     assert main(["rerun", "runs/latest"]) == 0
     out = capsys.readouterr().out
