@@ -1,13 +1,13 @@
 """What is computed once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from estlab.errors import IncompleteError, printable
+from estlab.errors import IncompleteError, plugin_fault, printable
 from estlab.rundir import RunDirectory
 
 Made = TypeVar("Made")
@@ -25,8 +25,8 @@ class Attempts:
     missing: why each thing is missing that could not be made. Its traceback is in log.txt.
     """
 
-    def __init__(self, directory: RunDirectory) -> None:
-        self._directory = directory
+    def __init__(self, directory: RunDirectory, plugins: Sequence[str] = ()) -> None:
+        self._directory, self._plugins = directory, plugins
         self._needed: list[str] = []
         self.missing: dict[str, str] = {}
 
@@ -50,9 +50,11 @@ class Attempts:
         try:
             with _quietly():
                 show()
-        except (Warning, OSError):
+        except Warning:
             raise
         except (Exception, SystemExit) as error:
+            if isinstance(error, OSError) and not plugin_fault(error, self._plugins):
+                raise
             self._miss(what, error, needed)
 
     def remarks(self) -> list[str]:
@@ -73,7 +75,7 @@ class Attempts:
             )
 
     def _miss(self, what: str, error: BaseException, needed: bool) -> None:
-        self.missing[what] = _reason(error)
+        self.missing[what] = printable(plugin_fault(error, self._plugins)) or _reason(error)
         self._needed += [what] if needed else []
         log.warning("missing: %s (%s)", what, self.missing[what], exc_info=error)
 

@@ -154,8 +154,8 @@ def _run(path: Path) -> Found:
         return Found(path, "", 0.0, False, f"it cannot be told whose it is ({error})")
     state = str(status["status"])
     ended = _stamp(status, path)
-    if rundir.at_work(status):
-        where = "" if status.get("node") == os.uname().nodename else ", or was on another machine"
+    if (worker := rundir.worker(status)) != "gone":
+        where = "" if worker == "alive" else ", or was on another machine"
         return Found(path, state, ended, False, f"it is at work{where}")
     if len(_statuses(path)) > 1:
         return Found(path, state, ended, False, "it holds other runs")

@@ -1,6 +1,5 @@
 """From the command line to a command."""
 
-import io
 import os
 import re
 import sys
@@ -8,10 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from estlab import __version__
-from estlab.cores import one_thread_each
-from estlab.errors import UserError
+from estlab.cores import enough_memory, one_thread_each
+from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory
 from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
 from estlab.paths import conf_folder
+from estlab.signals import interruptible
+from estlab.stdio import Streams
 from estlab.warned import in_a_line
 
 HELP = """\
@@ -43,11 +44,19 @@ _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experim
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line; its exit code."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal without a dot in the middle shows another sign
+    streams = Streams()
+    code = _run(sys.argv[1:] if arguments is None else arguments)
+    if why := streams.failure():
+        return complain(f"standard output: {why}; not all of it was written", code or FAILED)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
     one_thread_each()
+    interruptible()
     try:
+        if {*arguments[:1]} & {*_COMMANDS} - {"list"}:
+            enough_memory(f"estlab {arguments[0]}")
         with in_a_line(complain):
             return _dispatch(arguments)
     except UserError as error:
@@ -58,12 +67,12 @@ def main(arguments: list[str] | None = None) -> int:
         # unhandled until the next text, and python -m would end by the signal in place of the exit code.
         exec("")
         return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of our output, such as head, has seen enough.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
     except OSError as error:
         return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
+    except (MemoryError, ImportError) as error:
+        if not is_lack_of_memory(error):
+            raise
+        return complain(NO_MEMORY, FAILED)
 
 
 def _dispatch(arguments: list[str]) -> int:

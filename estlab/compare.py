@@ -133,7 +133,7 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
 
 
 def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
-    """The columns: those named, or errors of the position, or of each component of a run without one, and verdicts."""
+    """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
     from estlab.config import nearest
     from estlab.report.compared import VERDICT
 
@@ -154,7 +154,7 @@ def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
 
 def _errors(row: "Row") -> "list[Metric]":
     errors = [metric for metric in row.metrics if metric[0] == "rmse"]
-    return [("rmse", "position")] if ("rmse", "position") in errors else errors
+    return [metric for metric in (("rmse", "position"), ("rmse", "all")) if metric in errors][:1] or errors
 
 
 def _against(rows: "Sequence[Row]", wanted: str) -> int:

@@ -3,7 +3,7 @@
 import contextlib
 import re
 
-from estlab.errors import UserError
+from estlab.errors import PluginError, UserError
 from estlab.paths import conf_folder
 
 
@@ -13,6 +13,8 @@ def one_line(error: Exception, arguments: list[str]) -> str:
 
     if isinstance(error, UserError):
         return str(error)
+    if isinstance(error, PluginError):
+        return f"{error}; HYDRA_FULL_ERROR=1 shows the traceback"
     text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
     if match := re.search(r"Could not override '([^']+)'", text):
         wrong = match[1].lstrip("+")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal, Union
 
-from estlab.errors import UserError
+from estlab.errors import PluginError, UserError, plugin_fault
 from estlab.filters.contract import Filter
 from estlab.groups import Data, Noise, Sweep
 from estlab.metrics.objective import Objective
@@ -162,10 +162,18 @@ class _Builder:
             if key not in node and parameter.default is parameter.empty:
                 raise UserError(f"{_join(path, key)} is missing")
         arguments = {key: self.convert(node[key], hints.get(key, Any), _join(path, key)) for key in given}
+        if lacking := sorted(getattr(make, "__abstractmethods__", ())):
+            name = f"{make.__module__}.{make.__qualname__}"
+            raise UserError(f"{path}: {name} has no {', '.join(lacking)}, which it must define")
         try:
             return make(**arguments)
-        except (ValueError, ArithmeticError, TypeError) as error:
-            raise UserError(_join(path, " ".join(str(error).split()))) from error
+        except (Exception, SystemExit) as error:
+            named = isinstance(error, (ValueError, ArithmeticError))  # as is agreed for what a key may not be
+            if not named and (fault := plugin_fault(error, self.allowed[1:])):
+                raise PluginError(fault) from error
+            if named or isinstance(error, TypeError):
+                raise UserError(_join(path, " ".join(str(error).split()))) from error
+            raise
 
     def convert(self, value: Any, hint: Any, path: str) -> Any:
         """The value as the type, or a UserError that names the key."""
@@ -252,6 +260,8 @@ def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Calla
     except (ImportError, AttributeError, ValueError) as error:
         raise UserError(f"{path}: there is no {name} ({error})") from error
     except (Exception, SystemExit) as error:
+        if fault := plugin_fault(error, allowed[1:]):
+            raise PluginError(fault) from error
         said = " ".join(str(error).split())
         raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
     made = _product(found)

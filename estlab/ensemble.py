@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from estlab.blocks import block, block_count
+from estlab.border import problem
+from estlab.border.filters import try_filter
 from estlab.config import Settings
 from estlab.errors import UserError
 from estlab.filters.contract import Filter
@@ -124,19 +126,31 @@ def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
     kind = Loop
     if settings.engine == "numba":
         from estlab.filters.compiled.engine import CompiledLoop as kind  # noqa: N813
-    return kind(filter, scenario.motion(noise), scenario.sensor(noise, places), *scenario.scheme)
+    return kind(filter, *problem.models_of(scenario, noise, places), *problem.scheme_of(scenario))
+
+
+def check_answers(settings: Settings, names: Names, first: Record) -> None:
+    """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
+    streams = Streams(settings.seed, names.scenario)
+    filters = filters_of(settings, names)
+    models = problem.models_of(settings.scenario, settings.noise.filter, first.places)
+    problem.check(settings.scenario, *models, first, list(filters.values()))
+    for name, filter in filters.items():
+        if not type(filter).__module__.startswith("estlab."):
+            draws = streams.draws(f"filter/{name}", range(first.runs if first.each_its_own else 1))
+            try_filter(problem.name_of(filter), filter, *models, first, draws)
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
-    """Truth and readings of the runs with these numbers."""
+    """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
     streams = Streams(settings.seed, names.scenario)
-    data = settings.data
+    scenario, data = settings.scenario, settings.data
     if data.source == "files":
-        options = (data.options,) if settings.scenario.file_names else ()
-        record = settings.scenario.read(Path(data.path or "."), data.prefix, streams, runs, *options)
+        options = (data.options,) if scenario.file_names else ()
+        make = partial(scenario.read, Path(data.path or "."), data.prefix, streams, runs, *options)
     else:
-        record = settings.scenario.simulate(streams, runs, settings.noise.truth)
-    record = record.first(settings.steps)
+        make = partial(scenario.simulate, streams, runs, settings.noise.truth)
+    record = problem.recorded(scenario, make, len(runs)).first(settings.steps)
     if settings.dropped == 0.0:
         return record
     if record.readings.step.size == 0:

@@ -1,13 +1,14 @@
 """One experiment from settings to a run directory. It assembles records, filters, metrics, report; it computes none."""
 
 import contextlib
+import importlib
 import logging
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -15,17 +16,42 @@ from estlab import cores, expectations, parts, results, rundir
 from estlab.attempts import Attempts
 from estlab.blocks import block
 from estlab.config import Settings
-from estlab.ensemble import SMOOTHED, Ensemble, Names, estimated, filters_of, loop_of, record_of, workers
-from estlab.errors import IncompleteError, UserError
+from estlab.ensemble import (
+    SMOOTHED,
+    Ensemble,
+    Names,
+    check_answers,
+    estimated,
+    filters_of,
+    loop_of,
+    record_of,
+    workers,
+)
+from estlab.errors import IncompleteError, UserError, plugins_answer
 from estlab.expectations import Finding
 from estlab.report import console, expected, tables, terminal
 from estlab.rundir import RunDirectory
 
 _CROWDED = 4  # processes a core that may be asked for
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 log = logging.getLogger("estlab")
 
 
+def _plugins_named(function: Callable[Concatenate[Settings, P], R]) -> Callable[Concatenate[Settings, P], R]:
+    """The function, which raises PluginError in place of what the code of one of the user's plugins raises."""
+
+    @wraps(function)
+    def named(settings: Settings, /, *arguments: P.args, **keys: P.kwargs) -> R:
+        with plugins_answer(settings.plugins):
+            return function(settings, *arguments, **keys)
+
+    return named
+
+
+@_plugins_named
 def check(settings: Settings, names: Names) -> None:
     """Raise UserError where the parts do not fit together, before anything is made."""
     data = settings.data
@@ -50,6 +76,8 @@ def check(settings: Settings, names: Names) -> None:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
             raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+        if settings.engine == "numba":
+            cores.enough_memory("numba")
         try:
             loop.check_engine()
         except ValueError as error:
@@ -74,6 +102,7 @@ def _check_file_names(settings: Settings) -> None:
             raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
 
 
+@_plugins_named
 def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Run, write every file of the directory but its configuration and status, and print the summary.
 
@@ -87,8 +116,12 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
     directory.describe(names=asdict(names), scenario=names.scenario, filters=list(filters))
     directory.describe(command=command, seed=settings.seed, runs=len(runs), first_run=runs[0])
+    # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
+    # there is no room for it.
+    importlib.import_module("scipy.special")
     with workers(settings, names) as crew:
         first = record_of(settings, names, block(settings, 0))
+        check_answers(settings, names, first)
         title = _title(names, filters, runs, first.time.size, settings.seed)
         hashes = rundir.hashes(first.files)
         directory.describe(title=title, data=hashes, steps=first.time.size)
@@ -106,7 +139,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
         return []
     directory.describe(seconds_per_run_and_step=ensemble.cost(len(runs)))
     _log_outcome(ensemble, len(runs))
-    attempts = Attempts(directory)
+    attempts = Attempts(directory, settings.plugins)
     found = results.written(settings, names, ensemble, title, attempts)
     where = str(_short(directory.path))
     show = partial(terminal.summary, title, found.findings, found.compared, found.own)
@@ -143,6 +176,7 @@ def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Fi
     return held
 
 
+@_plugins_named
 def simulate(settings: Settings, names: Names) -> list[Path]:
     """Write the simulated data of run 0 in the scenario's original file layout to data.path; the files written."""
     if settings.data.source != "simulated":

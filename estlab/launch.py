@@ -3,16 +3,24 @@
 import contextlib
 import errno
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
-from estlab.errors import IncompleteError, UserError, WorkerLostError, printable
+from estlab.errors import (
+    NO_MEMORY,
+    IncompleteError,
+    PluginError,
+    UserError,
+    WorkerLostError,
+    frames,
+    is_lack_of_memory,
+    printable,
+)
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -26,6 +34,22 @@ if TYPE_CHECKING:
 _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+# By number of the system's error, what to do about a file of the run that cannot be written.
+_REMEDIES = {
+    errno.ENOSPC: "make room or set output to another disk",
+    errno.EDQUOT: "make room or set output to another disk",
+    errno.ENOENT: "leave its directory where it is until the run has ended",
+    errno.EINVAL: "remove what stands in its place",
+    errno.EISDIR: "remove what stands in its place",
+    errno.EROFS: "set output to another disk",
+    errno.EIO: "the disk is failing, set output to another",
+    errno.ESTALE: "set output to another disk",
+    errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
+    errno.ENFILE: "the system has too many files open",
+    errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
+    errno.EAGAIN: "the system starts no more processes for you, take cores=1",
+}
 
 # What a title says anyway, or what changes nothing in the figures.
 _TOLD = (
@@ -62,7 +86,6 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     from hydra.errors import HydraException
 
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
-    signal.signal(signal.SIGTERM, _interrupt)
     codes: list[int] = []
 
     def task(config: "DictConfig") -> None:
@@ -71,15 +94,14 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         except Exception as error:
             if traceback_wanted:
                 raise
-            codes.append(complain(one_line(error, arguments)))
+            short = is_lack_of_memory(error)
+            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, arguments)))
 
     sys.argv = ["estlab", *prepared(arguments)]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
-    except BrokenPipeError:
-        raise
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
@@ -91,16 +113,12 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
     except Exception as error:
-        if traceback_wanted:
+        if traceback_wanted or is_lack_of_memory(error):
             raise
         raise UserError(one_line(error, arguments)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Finding]], object] | None" = None) -> int:
@@ -246,14 +264,25 @@ def _reason(error: BaseException, log: Path) -> str:
     """Why a run failed and what to do, in one line."""
     if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
         return str(error)
-    if isinstance(error, OSError):
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room or set output to another disk" if full else "check its permissions"
-        return f"{error.filename or log.parent}: {error.strerror}; the run is incomplete, {remedy}"
-    if isinstance(error, MemoryError):
+    if isinstance(error, PluginError):
+        return f"{error}; the traceback is in {log}"
+    if is_lack_of_memory(error):
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
+    if isinstance(error, OSError):
+        why = error.strerror or str(error) or type(error).__name__
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT) and not _of_directory(error, log.parent):
+            where = f"{error.filename}: " if error.filename else ""
+            return f"{where}{why}; the traceback is in {log}"
+        remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
+        return f"{error.filename or log.parent}: {why}; the run is incomplete, {remedy}"
     said = " ".join(str(error).split())
     return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
+
+
+def _of_directory(error: OSError, folder: Path) -> bool:
+    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
+    return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))
 
 
 def remove_if_ours(folder: Path, output: Path) -> None:

@@ -5,7 +5,6 @@ import logging.handlers
 import multiprocessing
 import os
 import pickle
-import signal
 import threading
 import time
 import traceback
@@ -15,6 +14,8 @@ from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
 from estlab import cores
+from estlab.errors import frames
+from estlab.signals import left_to_parent
 
 STEPS, DONE, FAILED, WARNING, LOG = "steps", "done", "failed", "warning", "log"
 
@@ -22,13 +23,8 @@ _EVERY = 0.05  # seconds between words on how far it is
 
 
 def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> None:
-    """Do the pieces whose numbers come, and say what became of them. It ends when its parent does, however that ends.
-
-    The parent decides what an interruption of all of a terminal's processes means.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])
+    """Do the pieces whose numbers come and say what became of them. It ends when its parent does, however that ends."""
+    left_to_parent()
     cores.keep_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     voice = _Voice(end)
@@ -103,11 +99,14 @@ class _Handler(logging.handlers.QueueHandler):
 def _portable(error: BaseException) -> bytes:
     """The error, with its traceback as a note, or what it says where it cannot be pickled."""
     error.add_note(f"in a worker process:\n{''.join(traceback.format_exception(error))}")
+    error.frames_in_worker = frames(error)  # type: ignore[attr-defined]
     try:
         carried = pickle.dumps(error)
         pickle.loads(carried)
     except Exception:
-        return pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
+        said = RuntimeError(f"{type(error).__name__}: {error}")
+        said.frames_in_worker = frames(error)  # type: ignore[attr-defined]
+        return pickle.dumps(said)
     return carried
 
 

@@ -18,11 +18,11 @@ from typing import Any, Generic, Self, TypeVar
 
 from estlab import cores, worker
 from estlab.errors import WorkerLostError
+from estlab.signals import ENDING
 
 R = TypeVar("R")
 Work = Callable[[int, Callable[[], None]], R]
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _EVERY = 0.05  # seconds between looks at what workers say
 _AHEAD = 2  # pieces that a worker has at a time, so that it need not wait for this process to look up
 # Seconds of work left from which it pays to start workers that import everything, a quarter of a second each.
@@ -181,7 +181,7 @@ def _can_fork() -> bool:
 @contextmanager
 def _signals_held() -> Iterator[None]:
     """Interruptions wait: a worker that is born here knows nothing of them yet."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield
     finally:

@@ -27,6 +27,12 @@ STATES = ("running", "ok", "failed", "interrupted")
 
 _DEEPEST = 50
 
+_UNFINISHED = {
+    "alive": "still running",
+    "gone": "unfinished, and its process is gone",
+    "unknown": "unfinished, and whether it is still running cannot be seen from here",
+}
+
 _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
 
 
@@ -104,7 +110,7 @@ def unfinished(path: Path, found: Mapping[str, Any]) -> str:
     if state == "ok" or (state == "failed" and files.is_file(path, rundir.EXPECTATIONS)):
         return ""
     if state == "running":
-        return "still running" if rundir.at_work(found) else "unfinished, and its process is gone"
+        return _UNFINISHED[rundir.worker(found)]
     return f"{state}: {found.get('error') or 'no reason given'}"
 
 

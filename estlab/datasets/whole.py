@@ -13,12 +13,12 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object], within: int | N
     within: descriptor of the folder that the path is seen from; by default where the process stands. A device or a
     pipe that the user names has nothing beside it, and is written as it is.
     """
-    if within is None and path.exists() and not path.is_file() and not path.is_dir():
-        with open(path, "wb") as stream:
-            write(stream)
-        return path
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if within is None and path.exists() and not path.is_file() and not path.is_dir():
+            with open(path, "wb") as stream:
+                write(stream)
+            return path
         with suppress(FileNotFoundError):
             os.unlink(partial, dir_fd=within)  # of a process that was killed and had our number
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC

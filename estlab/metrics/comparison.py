@@ -10,7 +10,9 @@ import numpy as np
 from estlab.maths.space import Array, Space
 from estlab.metrics.intervals import LEVEL, Estimate, holm, mean_interval, share_interval, t_test
 from estlab.metrics.moments import Moments
-from estlab.metrics.scores import quietly
+from estlab.metrics.scores import has_whole, quietly
+
+_TOGETHER = ("position_square", "state_square")
 
 
 @dataclass
@@ -29,15 +31,14 @@ class Comparison:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What is compared: each component, and the position if there is one."""
-        return (*self.space.names, *(("position",) if self.space.position else ()))
+        """What is compared: each component, and the position and all together where there are such."""
+        position, whole = ("position",) * bool(self.space.position), ("all",) * has_whole(self.space)
+        return (*self.space.names, *position, *whole)
 
     def add(self, squares: Mapping[str, Mapping[str, Array]]) -> None:
         """Take in a block, once: each filter's mean square errors, as Tally.add returns them."""
         stacked = {
-            name: np.concatenate(
-                [one["mean_square"], *([one["position_square"][None]] if "position_square" in one else [])]
-            )
+            name: np.concatenate([one["mean_square"], *(one[key][None] for key in _TOGETHER if key in one)])
             for name, one in squares.items()
         }
         for a, b in combinations(sorted(stacked), 2):
@@ -115,7 +116,8 @@ class Comparison:
 
     @property
     def _units(self) -> tuple[str, ...]:
-        return (*self.space.units, *(self.space.units[i] for i in self.space.position[:1]))
+        position = (self.space.units[i] for i in self.space.position[:1])
+        return (*self.space.units, *position, *self.space.units[: has_whole(self.space)])
 
 
 def against_best(rows: Sequence[Mapping[str, Any]], component: str) -> list[dict[str, Any]]:

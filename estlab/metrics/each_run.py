@@ -41,6 +41,8 @@ class EachRun:
             answers = dict(zip(names, np.sqrt(one["mean_square"]), strict=True))
             if "position_square" in one:
                 answers["rmse.position"] = np.sqrt(one["position_square"])
+            if "state_square" in one:
+                answers["rmse.all"] = np.sqrt(one["state_square"])
             answers["anees"] = one["anees"]
             self.answers[filter] = {name: array[:room] for name, array in answers.items()}
 

@@ -11,6 +11,7 @@ from estlab.metrics.laws import SIGMAS, nees_law, nis_mean
 from estlab.record import Estimates, Record
 
 LAGS = 5  # of the innovations' correlation
+_MANY = 9
 _END = 0.1  # a run is lost if its error is beyond the limit over this last part of its steps
 
 # On its way to NaN a run that diverges has errors too large to square and variances below zero: no warning's worth.
@@ -67,6 +68,11 @@ class Scores:
     def inside(self, sigmas: int) -> Array:
         """(n, T, runs) whether each error is within so many standard deviations."""
         return self.scored & (np.abs(self.error) <= sigmas * self.sigma)
+
+
+def has_whole(space: Space) -> bool:
+    """Whether a state has so many components, and all of one unit, that it has an error over all of them."""
+    return space.size >= _MANY and len(set(space.units)) == 1
 
 
 @quietly

@@ -13,13 +13,13 @@ from estlab.metrics.scores import (
     Scores,
     correlations,
     found_time,
+    has_whole,
     quietly,
     score,
     shares_inside,
 )
 from estlab.record import Estimates, Record
 
-_MANY = 9  # components of one unit from which there is an RMSE over all of them
 _NAMED = 100  # diverged runs that are named, of each kind
 _SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # what is kept of single errors, for what cannot be added up
 
@@ -107,7 +107,7 @@ class Tally:
         found = {"mean_square": _mean(scores.error**2, scores.scored, 1)}
         if scores.distance is not None:
             found["position_square"] = _mean(scores.distance**2, np.isfinite(scores.distance), 0)
-        if self.space.size >= _MANY and len(set(self.space.units)) == 1:
+        if has_whole(self.space):
             found["state_square"] = _mean(scores.error**2, scores.scored, (0, 1))
         found["anees"] = _mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
         return found

@@ -9,6 +9,7 @@ from estlab.maths.space import Array, Space
 from estlab.report.figures import (
     WIDTH,
     colours,
+    cornered,
     drawable,
     headed,
     labelled,
@@ -76,7 +77,9 @@ def draw_clouds(
             axes.set_ylabel(labelled(space.names[at[1]], space.units[at[1]], 12))
         for axes in panels[-across:]:
             axes.set_xlabel(labelled(space.names[at[0]], space.units[at[0]], 20))
-        _frame(panels[0], [*around, truth], points[at][..., place].reshape(2, -1))
+        _frame(panels[0], [*around, truth], mean[:, steps], points[at][..., place].reshape(2, -1))
+        for k, axes in enumerate(panels[: len(steps)]):
+            cornered(axes, "" if _is_seen(axes, mean[:, steps[k]]) else "the estimate is beyond the panel")
     legend_below(figure, figure.subfigs[0].axes[0])
     return figure
 
@@ -84,18 +87,25 @@ def draw_clouds(
 def _draw_cloud(axes: "Axes", points: Array, weights: Array) -> None:
     share = np.nan_to_num(weights) * weights.size
     size = np.clip(6.0 * share, 0.3, 120.0)
-    axes.scatter(
-        drawable(points[0]), drawable(points[1]), s=size, color="C0", alpha=0.45, lw=0, zorder=2.5, label="particles"
-    )
+    axes.scatter(drawable(points[0]), drawable(points[1]), s=size, color="C0", alpha=0.45, lw=0, zorder=2.5)
+    axes.scatter([], [], s=25.0, color="C0", alpha=0.45, lw=0, label="particles")
 
 
-def _frame(axes: "Axes", around: Sequence[Array], cloud: Array) -> None:
-    """Limits of what is drawn of the problem and of the truth; else of most of the cloud."""
+def _is_seen(axes: "Axes", place: Array) -> bool:
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    return bool(left <= place[0] <= right and low <= place[1] <= high)
+
+
+def _frame(axes: "Axes", around: Sequence[Array], estimates: Array, cloud: Array) -> None:
+    """Limits of what is drawn of the problem, of the truth and of estimates near these; else of most of the cloud."""
     places = np.concatenate(around, axis=1)
     places = places[:, np.isfinite(places).all(axis=0)]
     if places.shape[1] < 2 or np.ptp(places, axis=1).max() <= 0.0:
         known = cloud[:, np.isfinite(cloud).all(axis=0)]
         places = np.quantile(known, [0.01, 0.99], axis=1).T if known.size else places
+    else:
+        near = within(estimates, np.stack([places.min(axis=1), places.max(axis=1)], axis=1))
+        places = np.concatenate([places, near[:, np.isfinite(near).all(axis=0)]], axis=1)
     if places.size and (room := 0.08 * float(np.ptp(places, axis=1).max())) > 0.0:
         axes.set_xlim(places[0].min() - room, places[0].max() + room)
         axes.set_ylim(places[1].min() - room, places[1].max() + room)

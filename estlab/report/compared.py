@@ -15,14 +15,15 @@ VERDICT: Metric = ("verdict", "all")
 
 
 def metrics_grid(rows: Sequence[Row], metrics: Sequence[Metric]) -> Grid:
-    """A line a row: its number, label and metrics with their intervals."""
+    """A line a row: its number, label and metrics with their intervals; those that no row has are left out."""
     units = {metric: {row.metrics[metric].unit for row in rows if metric in row.metrics} for metric in metrics}
     headings = ["", "", *(_heading(metric, units[metric]) for metric in metrics)]
     lines = [
         [str(number), row.label, *(_cell(row, metric, len(units[metric]) > 1) for metric in metrics)]
         for number, row in enumerate(rows, 1)
     ]
-    return Grid(_title(rows), headings, lines, 2)
+    shown = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
+    return Grid(_title(rows), [headings[i] for i in shown], [[line[i] for i in shown] for line in lines], 2)
 
 
 def differences_grid(
@@ -36,7 +37,8 @@ def differences_grid(
     for number, row in enumerate(rows, 1):
         pair = pairs.get(row.label)
         for component in components if pair else ():
-            if pair and (one := pair.differences.get(component)):
+            one = pair.differences.get(component) if pair else None
+            if one and one.found.value == one.found.value:
                 unit = row.metrics["rmse", component].unit
                 wins = f"{100.0 * one.wins:.0f} % of {one.found.n}" if one.found.n else ""
                 cells = (figure(one.found), interval(one.found), p_value(one.p_holm), wins)

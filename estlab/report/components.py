@@ -30,9 +30,9 @@ def chosen(worst: Array, position: Sequence[int] = ()) -> list[int]:
     return sorted([*first, *others[: MOST - len(first)]])
 
 
-def selection(shown: Sequence[int], size: int) -> str:
+def selection(shown: Sequence[int], size: int, what: str = "RMSE over mean sigma") -> str:
     """What is to be said where only some of so many components are shown; empty where all are."""
-    some = f"{len(shown)} of {size} components are shown, those with the largest RMSE over mean sigma among them"
+    some = f"{len(shown)} of {size} components are shown, those with the largest {what} among them"
     return some if len(shown) < size else ""
 
 

@@ -1,7 +1,5 @@
 """Standard output and a progress bar; plain lines where there is no terminal."""
 
-import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,18 +9,10 @@ from rich.console import Console
 _EVERY = 0.1  # seconds between updates of the bar
 
 
-class _Console(Console):
-    """A console whose reader may leave, as head does, without ending the run: its results are on the disk."""
-
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def console() -> Console:
     """Standard output; wide enough for the tables where it is not a terminal."""
-    out = _Console(highlight=False)
-    return out if out.is_terminal else _Console(highlight=False, width=240, color_system=None)
+    out = Console(highlight=False)
+    return out if out.is_terminal else Console(highlight=False, width=240, color_system=None)
 
 
 @contextmanager

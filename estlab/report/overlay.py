@@ -11,10 +11,11 @@ from estlab import rundir
 from estlab.archive.finished import table
 from estlab.archive.rows import Row
 from estlab.errors import UserError
+from estlab.report.components import chosen as few
+from estlab.report.components import selection
 from estlab.report.figures import (
     broken_at_gaps,
     cornered,
-    drawable,
     legend_below,
     logarithmic,
     named,
@@ -67,28 +68,45 @@ def curves_of(rows: Sequence[Row]) -> tuple[list[Curves], list[str]]:
 def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
     """RMSE over the runs at each time, a panel a component (the position's in it), and NEES / n with its band.
 
-    components: those chosen; the position, or none, means all.
+    components: those chosen; the position, all together, or none, means all.
     """
-    chosen = [name for name in components if name != "position"]
+    chosen = [name for name in components if name not in ("position", "all")]
     panels = _panels(curves, chosen if len(chosen) == len(components) else [])
-    figure, axes = new_figure(len(panels) + 1, "", 1.9)
+    some = few(np.array([_largest(curves, *panel) for panel in panels]))
+    title, panels = selection(some, len(panels), "RMSE"), [panels[i] for i in some]
+    with_nees = any(np.isfinite(one.nees["anees"]).any() for one in curves)
+    if not panels and not with_nees:
+        raise UserError(
+            "no run has errors over time to draw: its truth is not known, or the components are not its own"
+        )
+    figure, axes = new_figure(len(panels) + with_nees, title, 1.9)
     for axis, (component, unit) in zip(axes, panels, strict=False):
         for one, (style, colour) in zip(curves, _STYLES, strict=False):
             lines = one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)]
             _line(axis, lines, "rmse", style, colour, one.label)
         _scale(axis)
         named(axis, f"RMSE {component}", unit)
-    _draw_nees(axes[-1], curves)
+    if with_nees:
+        _draw_nees(axes[-1], curves)
     axes[-1].set_xlabel("time [s]")
     legend_below(figure, axes[-1])
     return figure
+
+
+def _largest(curves: Sequence[Curves], component: str, unit: str) -> float:
+    """The largest of the rows' median RMSE in a component; infinite ones count for nothing."""
+    found = [one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)] for one in curves]
+    values = [lines["rmse"][np.isfinite(lines["rmse"])] for lines in found]
+    return max((float(one.median()) for one in values if len(one)), default=0.0)
 
 
 def _panels(curves: Sequence[Curves], chosen: Sequence[str]) -> list[tuple[str, str]]:
     found = [
         (component, unit)
         for one in curves
-        for component, unit in one.errors[["component", "unit"]].drop_duplicates().itertuples(index=False)
+        for component, unit in one.errors[np.isfinite(one.errors["rmse"])][["component", "unit"]]
+        .drop_duplicates()
+        .itertuples(index=False)
     ]
     return [panel for panel in dict.fromkeys(found) if not chosen or panel[0] in chosen]
 
@@ -109,7 +127,7 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
     shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
-    values = drawable(shown[column])
+    values = np.minimum(shown[column], 1e99)  # the largest that a picture's coordinates hold
     axes.plot(
         shown["time"], np.where(values > 0.0, values, np.nan), style, color=colour, lw=1.1, label=short(label, 90)
     )

@@ -169,7 +169,7 @@ def _status(contents: Contents, job: str) -> str:
 def _figures(columns: list[str]) -> list[str]:
     """The metrics that are shown: the position's RMSE or each component's, consistency, the verdict."""
     errors = [column for column in columns if column.startswith("rmse.") and not column.endswith(_ENDS)]
-    errors = [column for column in errors if column == "rmse.position"] or errors
+    errors = [column for column in errors if column in ("rmse.position", "rmse.all")][:1] or errors
     return [*errors, *(column for column in (*_SHOWN, "verdict") if column in columns)]
 
 

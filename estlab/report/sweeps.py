@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estlab.report.components import chosen, selection
 from estlab.report.figures import png, said, short
 
 if TYPE_CHECKING:
@@ -35,8 +36,9 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
 
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
     table = (table[table["status"] == "ok"] if "status" in table else table).copy()
-    metric_columns = [column for column in table.columns if "." in column and _is_numeric(table[column])]
-    table[metric_columns] = table[metric_columns].where(table[metric_columns].abs() < _LARGEST)
+    large = table.select_dtypes("number").abs() >= _LARGEST
+    if large.to_numpy().any():
+        table = table.mask(large.reindex(columns=table.columns, fill_value=False))
     numbers = [key for key in keys if _is_numeric(table[key]) and table[key].nunique() > 1]
     numbers = sorted(numbers, key=lambda key: -table[key].nunique())
     numbers, others = numbers[:2], [key for key in keys if key not in numbers[:2]]
@@ -51,7 +53,9 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     failed = []
     for metric, columns in metrics.items():
         try:
-            content = _drawn(table, columns, axes, series, units, title)
+            some, note = _few(table, columns)
+            headed = f"{title} · {note}" if note else title
+            content = _drawn(table, some, axes, series, units, headed)
         except Warning:
             raise
         except Exception as error:
@@ -59,6 +63,13 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
         else:
             save(f"{metric}.png", partial(_put, content))
     return failed
+
+
+def _few(table: "DataFrame", columns: Sequence[str]) -> tuple[list[str], str]:
+    """The columns that are drawn, those of the position and of all together among them, and what is said of this."""
+    whole = [i for i, column in enumerate(columns) if column.endswith((".position", ".all"))]
+    some = chosen(table[list(columns)].abs().max().to_numpy(dtype=float), whole)
+    return [columns[i] for i in some], selection(some, len(columns), "values")
 
 
 def _drawn(

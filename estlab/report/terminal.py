@@ -175,9 +175,9 @@ def _converged(findings: Mapping[str, Findings]) -> Table:
 
 
 def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
-    """Each filter against the best in position, or in the first component where there is none."""
+    """Each filter against the best in position, in all together, or in the first component."""
     components = list(dict.fromkeys(row["component"] for row in compared))
-    component = "position" if "position" in components else components[0]
+    component = next((name for name in ("position", "all") if name in components), components[0])
     rows = against_best(compared, component)
     heads = (f"RMSE {component}", "more than the best", "95 % interval", "better in", "real?", "time to the best's")
     table = _table(("", *heads))

@@ -24,7 +24,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import State, at_work, end
+from estlab.rundir.status import State, end, worker
 
 __all__ = [
     "COMPARISON",
@@ -49,8 +49,8 @@ __all__ = [
     "VERDICTS",
     "RunDirectory",
     "State",
-    "at_work",
     "end",
     "hashes",
     "link_latest",
+    "worker",
 ]

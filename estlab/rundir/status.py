@@ -1,15 +1,13 @@
 """How a run ended, or whose process is at work on it: status.json."""
 
 import json
-import os
-import platform
 import time
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from estlab.rundir import files
+from estlab.rundir import files, process
 from estlab.rundir.layout import RECORD_BYTES, STATUS
 
 State = Literal["running", "ok", "failed", "interrupted"]
@@ -20,7 +18,7 @@ _BYTES = 2048
 
 def stamp(state: State, began: float, message: str = "", code: int = 0) -> bytes:
     """The status of a run of this process as it is written. began: seconds since 1970."""
-    facts: dict[str, Any] = {"status": state, "began": iso(began), "pid": os.getpid(), "node": platform.node()}
+    facts: dict[str, Any] = {"status": state, "began": iso(began), **process.marks()}
     if state != "running":
         facts |= {"ended": iso(time.time()), "error": message[:1000], "exit_code": code}
     return (json.dumps(facts, indent=2) + "\n").encode().ljust(_BYTES)
@@ -50,17 +48,6 @@ def iso(seconds: float) -> str:
     return datetime.fromtimestamp(seconds).astimezone().isoformat()
 
 
-def at_work(status: Mapping[str, Any]) -> bool:
-    """Whether the process of an unfinished run is alive, by its status; also where that cannot be known from here."""
-    pid, node = status.get("pid"), status.get("node")
-    if status.get("status") != "running":
-        return False
-    if not isinstance(pid, int) or isinstance(pid, bool) or not 0 < pid < 2**31 or node != platform.node():
-        return True
-    try:
-        os.kill(pid, 0)  # it sends nothing, and asks alone
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+def worker(status: Mapping[str, Any]) -> process.Life:
+    """Whether somebody is at work on a run, by its status; of one that has ended nobody is."""
+    return process.life(status) if status.get("status") == "running" else "gone"

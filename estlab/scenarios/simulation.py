@@ -10,6 +10,8 @@ from estlab.maths.linalg import cholesky, matvec
 from estlab.maths.rows import Components
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
+from estlab.models.answers import covariance, kind, numbers, refuse
+from estlab.models.border import check_motion, check_sensor, try_motion, try_sensor
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios.contract import Scales
@@ -20,8 +22,13 @@ def drawn(
 ) -> Record:
     """A record in which each run's start is drawn from the prior, and each step is read once by a sensor of no places.
 
-    prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs).
+    prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs). Raises AnswerError for models
+    and arrays that are none.
     """
+    check_motion("motion", motion, motion.space)
+    n = motion.space.size
+    numbers("simulate", "prior.mean is", prior.mean, (n,))
+    covariance("simulate", "prior.cov is", prior.cov, (n, n))
     mean = prior.mean[:, None].repeat(len(runs), axis=1)
     begin = draw(motion.space, Gaussian(mean, prior.cov), streams.normals("prior", runs, prior.mean.shape))
     truth = walk(streams, runs, motion, begin, time, control)
@@ -32,19 +39,45 @@ def drawn(
 
 
 def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, time: Array, control: Array) -> Array:
-    """Truth (n, T, runs) from the motion model with its noise, from begin (n, runs) at time 0."""
+    """Truth (n, T, runs) from the motion model with its noise, from begin (n, runs) at time 0.
+
+    Raises AnswerError for a motion that is none, and arrays that do not go with it.
+    """
+    check_motion("motion", motion, motion.space)
+    n, count = motion.space.size, len(runs)
+    numbers("simulate", "the state begun from is", begin, (n, count))
+    if not isinstance(time, np.ndarray) or time.ndim != 1 or time.size == 0:
+        refuse("simulate", f"time is {kind(time)}; must be an array (T,) of one step or more")
+    if not isinstance(control, np.ndarray) or control.ndim != 3:
+        refuse("simulate", f"control is {kind(control)}; must be an array (c, {time.size}, {count} or 1)")
+    numbers("simulate", "control is", control, *((len(control), time.size, some) for some in (count, 1)))
+    lapse = np.diff(time, prepend=0.0)
+    if not (lapse >= 0.0).all():
+        k = int(np.argmin(lapse >= 0.0))
+        refuse("simulate", f"time[{k}] is {time[k]:g}, after {time[k - 1] if k else 0.0:g}; time must ascend from 0")
+    try_motion("motion", motion, Gaussian(begin, np.zeros((n, n))), control, lapse)
     blur = streams.normals("truth", runs, (time.size, motion.noise_size))
     truth = np.empty((motion.space.size, time.size, len(runs)))
-    state, lapse = begin, np.diff(time, prepend=0.0)
+    state = begin
     for k in range(time.size):
-        noise = matvec(cholesky(motion.noise_cov(control[:, k], lapse[k])), blur[k])
-        state = motion.space.plus(motion.step(state, control[:, k], noise, lapse[k]), np.zeros(1))
+        if lapse[k] > 0.0:
+            noise = matvec(cholesky(motion.noise_cov(control[:, k], lapse[k])), blur[k])
+            state = motion.space.plus(motion.step(state, control[:, k], noise, lapse[k]), np.zeros(1))
         truth[:, k] = state
     return truth
 
 
 def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, place: Array) -> Array:
-    """Readings (m, N, runs) of states (n, N, runs) with the sensor's noise."""
+    """Readings (m, N, runs) of states (n, N, runs) with the sensor's noise.
+
+    Raises AnswerError for a sensor that is none.
+    """
+    check_sensor("sensor", sensor, sensor.state)
+    if states.shape[1]:
+        n = sensor.state.size
+        first = place.reshape(len(place), -1)[:, :1] if place.size else np.empty((len(place), 1))
+        about = np.repeat(first, len(runs), axis=1)
+        try_sensor("sensor", sensor, Gaussian(states[:, 0], np.zeros((n, n))), about)
     blur = streams.normals("readings", runs, (sensor.space.size, states.shape[1]))
     noise = np.einsum("ij,jnr->inr", cholesky(sensor.noise_cov), blur)
     return sensor.space.plus(sensor.read(states, place), noise)

@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from estlab import rundir
 from estlab.launch import FAILED, OK
+from estlab.signals import interruptible
 from estlab.sweeps import state
 from estlab.sweeps.job import Job
 
@@ -74,7 +75,7 @@ def _last_words(code: int, said: str) -> str:
 
 def main() -> int:
     """Run the job on standard input, and end when the process that holds the pipe does."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    interruptible()
     job = Job(**json.load(sys.stdin))
     threading.Thread(target=_end_with, args=[int(sys.argv[1])], daemon=True).start()
     try:
@@ -86,10 +87,6 @@ def main() -> int:
 def _end_with(pipe: int) -> NoReturn:
     os.read(pipe, 1)
     os._exit(FAILED)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -2,21 +2,26 @@
 
 import contextlib
 import io
+import os
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from estlab.launch import OK, USAGE, concluded, described
-from estlab.rundir import CONFIG, OVERRIDES, RunDirectory
+from estlab.rundir import CONFIG, OVERRIDES, RunDirectory, process
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 OUTPUT = "output.txt"
+
+_EVERY = 0.5  # seconds between looks at the sweep's process
 
 # Hydra's configuration, the standard streams and the log are the process's, so its threads take turns.
 _ONE_AT_A_TIME = threading.Lock()
@@ -72,6 +77,8 @@ def task(config: "DictConfig") -> int:
             return OK
         job = _job(config, sweep, name)
         limits = job.plain["sweep"]
+        if _is_ours(HydraConfig.get().launcher):
+            _end_with(sweep)
         code = OK
         for _ in range(1 + limits["retries"]):
             if state.at_work(sweep, name) or _is_done(job):
@@ -105,6 +112,26 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
         typed=OmegaConf.to_yaml(typed),
         overrides=[word for word in typed if not word.startswith("sweep.")],
     )
+
+
+def _is_ours(launcher: "DictConfig") -> bool:
+    """Whether the worker is there for this sweep alone, and not one of a cluster that somebody else started."""
+    ours = ("BasicLauncher", "JoblibLauncher", "LocalLauncher", "DaskLauncher")
+    return str(launcher["_target_"]).endswith(ours) and launcher.get("address") is None
+
+
+@cache
+def _end_with(sweep: Path) -> None:
+    """End this process when that of the sweep has ended, however it did: nobody waits for what its jobs find."""
+    marks = state.holder(sweep)
+    if marks.get("pid") != os.getpid():
+        threading.Thread(target=_end_once_gone, args=[marks], daemon=True).start()
+
+
+def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
+    while process.life(marks) != "gone":
+        time.sleep(_EVERY)
+    os._exit(1)
 
 
 def _is_done(job: Job) -> bool:

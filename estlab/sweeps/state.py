@@ -7,7 +7,6 @@ import io
 import itertools
 import json
 import os
-import platform
 import stat
 import zipfile
 import zlib
@@ -20,7 +19,7 @@ from typing import Any, Literal
 
 from estlab import rundir
 from estlab.errors import UserError, printable
-from estlab.rundir import files
+from estlab.rundir import files, process
 from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
 
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
@@ -144,14 +143,10 @@ def at_work(sweep: Path, name: str) -> int | None:
     """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
     try:
         stamp = _record(sweep, PurePath(name) / rundir.STATUS)
-        if stamp["status"] != "running" or stamp["node"] != platform.node() or stamp["pid"] == os.getpid():
-            return None
-        os.kill(int(stamp["pid"]), 0)
-    except PermissionError:
-        return int(stamp["pid"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+    except (OSError, ValueError, TypeError):
         return None
-    return int(stamp["pid"])
+    elsewhere = rundir.worker(stamp) == "alive" and stamp["pid"] != os.getpid()
+    return int(stamp["pid"]) if elsewhere else None
 
 
 def set_aside(sweep: Path, name: str) -> None:
@@ -210,19 +205,27 @@ def locked(sweep: Path) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            holder = printable(stream.read(200).decode(errors="replace")).strip()
+            by = holder(sweep)
+            who = f"process {by.get('pid')} on {printable(str(by.get('node')))}" if by else "just begun"
             raise UserError(
-                f"{sweep}: another sweep is at work there ({holder or 'just begun'}); "
-                "wait for it, or give this one another sweep.dir"
+                f"{sweep}: another sweep is at work there ({who}); wait for it, or give this one another sweep.dir"
             ) from error
         except OSError as error:
             raise UserError(
                 f"{sweep}: cannot be locked ({error.strerror}); set output or sweep.dir to another file system"
             ) from error
         stream.truncate(0)
-        stream.write(f"process {os.getpid()} on {platform.node()}".encode())
+        stream.write(json.dumps(process.marks()).encode())
         yield
         stream.truncate(0)
+
+
+def holder(sweep: Path) -> dict[str, Any]:
+    """The marks of the process that holds a sweep's directory; none if nobody does."""
+    try:
+        return _record(sweep, PurePath(LOCK))
+    except (OSError, ValueError, TypeError):
+        return {}
 
 
 def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:

@@ -18,7 +18,7 @@ _FAILURES = 20
 _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
 
 # What a sweep adds to each job by itself.
-_OURS = ("expect=null", "report=false")
+_OURS = ("expect=null", "expect_files=null", "report=false")
 
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
@@ -122,7 +122,7 @@ def _metrics(rows: Sequence[table.Row]) -> list[str]:
     """The few metrics that a terminal has room for: the position's RMSE, or each component's, and consistency."""
     columns = list(rows[0]) if rows else []
     errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]
-    errors = [c for c in errors if c == "rmse.position"] or errors[:4]
+    errors = [c for c in errors if c in ("rmse.position", "rmse.all")][:1] or errors[:4]
     return [*errors, *(column for column in [*_WORDS, table.VERDICT] if column in columns)]
 
 

@@ -119,5 +119,5 @@ def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int
 
 def command(trial: Trial) -> str:
     """The trial as a run of its own."""
-    leave = ("sweep.", "plots=", "report=", "expect=null", "objective=", "output=")
+    leave = ("sweep.", "plots=", "report=", "expect=null", "expect_files=null", "objective=", "output=")
     return shlex.join(["estlab", "run", *(word for word in trial.job.overrides if not word.startswith(leave))])

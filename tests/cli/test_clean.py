@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from estlab.cli import main
+from estlab.rundir import process
 
 GONE = 2**22 + 1  # a process number that Linux gives to none
 
@@ -76,8 +77,8 @@ def test_yes_deletes_what_is_listed_empty_days_with_it_and_latest_points_to_what
 
 def test_what_is_at_work_may_be_or_cannot_be_read_stays_and_is_said(capsys):
     stays = [
-        run("a", "running", pid=os.getpid()),
-        run("b", "running", pid=1),
+        run("a", "running", **process.marks()),
+        run("b", "running", namespace="another container"),
         run("c", "running", node="another machine"),
         run("d", "running", pid=None),
         run("e", "done"),

@@ -117,8 +117,8 @@ def at_work():
     wait_for(lambda: not any(lives(worker) for worker in workers))
 
 
-@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)])
-def test_an_interruption_of_all_or_of_it_ends_all_in_order(send, number, at_work):
+@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.killpg, signal.SIGHUP)])
+def test_an_interruption_of_all_ends_all_in_order(send, number, at_work):
     process, workers = at_work
     send(process.pid, number)
     assert process.communicate(timeout=60)[1] == "estlab: interrupted\n"

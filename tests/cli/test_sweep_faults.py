@@ -12,12 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from estlab import rundir
+from estlab import experiment, rundir
 from estlab.cli import main
+from estlab.rundir import process
+from estlab.signals import interruptible
 from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 
 
@@ -49,6 +52,11 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     for folder, was in done.items():
         assert (Path("killed") / folder / "run.json").read_bytes() == was, "what was ok did not run again"
     assert f"{len(done)} of 6 jobs are ok, the others run" in capsys.readouterr().err or not done
+
+
+def marks_of(pid: int) -> dict:
+    """What a status keeps of a process on this machine."""
+    return process.marks() | {"pid": pid, "process_began": process._seen(pid).began}
 
 
 def spoil_status(job: Path) -> None:
@@ -167,7 +175,7 @@ def test_a_job_that_an_earlier_sweep_left_at_work_is_not_run_twice(undisturbed, 
     shutil.copytree(undisturbed, "swept")
     job = Path("swept/1_landmark_ekf")
     with subprocess.Popen(["sleep", "60"]) as other:
-        (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", "pid": other.pid}))
+        (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", **marks_of(other.pid)}))
         assert main(["sweep", "--resume", "swept"]) == 2
         assert f"process {other.pid}, of an earlier sweep, is still at work on it" in capsys.readouterr().err
         other.kill()
@@ -230,3 +238,27 @@ def test_a_directory_that_cannot_be_made_fails_its_job_alone(monkeypatch):
         assert sweep("filter=ekf", "seed=1,2,3") == 3
     assert [row["status"] for row in table()] == ["ok", "failed", "ok"]
     assert "1_landmark_ekf" in rows("swept/failures.csv")[0]["error"]
+
+
+def test_workers_of_an_engine_end_with_the_sweep_that_is_killed():
+    pytest.importorskip("joblib")
+    process = started("scenario=landmark", "filter=ekf", "runs=3000000", "seed=1,2", "sweep.dir=killed", *JOBLIB)
+    with process:
+        wait_for(lambda: count("killed", "running") == 2)
+        workers = [status(folder)["pid"] for folder in Path("killed").glob("[01]_*")]
+        process.kill()
+    wait_for(lambda: not any(lives(worker) for worker in workers))
+
+
+def test_a_terminal_that_closes_interrupts_and_nohup_keeps_it_from_that(monkeypatch):
+    before = signal.getsignal(signal.SIGHUP)
+    try:
+        monkeypatch.setattr(experiment, "run", lambda *_: os.kill(os.getpid(), signal.SIGHUP))
+        words = ["run", *TINY, "filter=ekf", "report=false", "hydra.run.dir=closed"]
+        assert main(words) == 130
+        assert status("closed")["status"] == "interrupted"
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        interruptible()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

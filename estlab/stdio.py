@@ -1,0 +1,68 @@
+"""Standard output and error that may be closed, full or gone, as with a terminal that closes: that ends no work."""
+
+import errno
+import io
+import os
+import sys
+from typing import Any
+
+
+class Guarded(io.RawIOBase):
+    """A descriptor to write to. The first failure is kept, and what comes after it goes nowhere."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__()
+        self._descriptor = descriptor
+        self.failure: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        if self.failure is None:
+            try:
+                return os.write(self._descriptor, content)
+            except OSError as error:
+                self.failure = error
+        return len(content)
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return self.failure is None and os.isatty(self._descriptor)
+
+
+class Streams:
+    """The process's standard streams, guarded where they are its own and not put there by somebody else, as a test."""
+
+    def __init__(self) -> None:
+        """A closed descriptor is opened to nowhere, or the next file that is opened would get its number."""
+        for descriptor in range(3):
+            try:
+                os.fstat(descriptor)
+            except OSError:
+                os.open(os.devnull, os.O_RDWR)
+        self._out = Guarded(1)
+        if sys.stdout is sys.__stdout__:
+            encoding = getattr(sys.stdout, "encoding", "utf-8")
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            # A terminal without a dot in the middle shows another sign.
+            sys.stdout = io.TextIOWrapper(
+                io.BufferedWriter(self._out), encoding, errors="replace", line_buffering=self._out.isatty()
+            )
+        if sys.stderr is sys.__stderr__:
+            encoding = getattr(sys.stderr, "encoding", "utf-8")
+            sys.stderr = io.TextIOWrapper(
+                io.BufferedWriter(Guarded(2)), encoding, errors="backslashreplace", line_buffering=True
+            )
+
+    def failure(self) -> str:
+        """Why not all of standard output was written; nothing if it was, or if its reader, as head, had seen enough."""
+        try:
+            sys.stdout.flush()
+        except OSError as error:
+            self._out.failure = self._out.failure or error
+        found = self._out.failure
+        return "" if found is None or found.errno == errno.EPIPE else str(found.strerror)
