@@ -26,7 +26,7 @@ from estlab.sweeps.state import fingerprint
 METRICS = "filter,metric,component,unit,value,ci_low,ci_high,n\\nekf,rmse,x,m,%s,0,2,2\\n"
 def stub(*arguments):
     folder = Path(HydraConfig.get().runtime.output_dir)
-    plain, names = estlab.launch.described(arguments[-1])
+    plain, names = estlab.composed.described(arguments[-1])
     facts = {"wall_time_s": 0.0, "fingerprint": fingerprint(plain, names.scenario, names.filter)}
     (folder / "metrics.csv").write_text(METRICS % plain["seed"])
     (folder / "run.json").write_text(json.dumps(facts))

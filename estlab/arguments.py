@@ -2,16 +2,35 @@
 
 import importlib.util
 import re
+from collections.abc import Sequence
 
 from estlab.errors import UserError
 from estlab.given import other_data
+from estlab.path_arguments import home, is_path, quoted_path
 
-_FLAGS = {
-    *("--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r"),
-    *("--multirun", "-m", "--shell-completion", "-sc", "--config-path", "-cp", "--config-name", "-cn"),
-    *("--config-dir", "-cd", "--info", "-i"),
+CONFIG_DIR = ("--config-dir", "-cd")
+
+_WITH_VALUE = {
+    **dict.fromkeys(("--cfg", "-c"), "--cfg"),
+    **dict.fromkeys(("--package", "-p"), "--package"),
+    **dict.fromkeys(("--config-path", "-cp"), "--config-path"),
+    **dict.fromkeys(("--config-name", "-cn"), "--config-name"),
+    **dict.fromkeys(CONFIG_DIR, "--config-dir"),
 }
-_WITH_VALUE = {"--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"}
+_INFO, _INFO_ON = ("--info", "-i"), ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+_FLAGS = {
+    *("--help", "-h", "--hydra-help", "--version", "--resolve", "--run", "-r", "--multirun", "-m"),
+    *("--shell-completion", "-sc", *_INFO, *_WITH_VALUE),
+}
+# These stand before what is typed, which adds to them. In a sweep, what is typed alone is expected: a file's
+# expectations are of its own values, not of those swept. Nor has each job a page, if none is asked for.
+OF_A_SWEEP = ("expect=null", "expect_files=null", "report=false")
+# Of an experiment on a recording instead, neither what its file expects nor its number of runs holds; what it expects
+# of that recording, under expect_files, does.
+_OF_OTHER_DATA = ("expect=null", "runs=1")
+
+_DIGITS = 1000  # of a number, for which Python has a limit of its own
+_DEEPEST = 20  # brackets in a value, of which no key has more than a few
 
 # Plugins by what they need installed, and the extra of estlab that brings it.
 _NEEDS = {
@@ -25,49 +44,79 @@ _NEEDS = {
 
 
 def prepared(arguments: list[str]) -> list[str]:
-    """The arguments as Hydra takes them.
+    """The arguments as Hydra takes them: flags first, each with its value in one word, then keys.
 
-    Raises UserError for a flag that there is not, for an output that is no folder, and for a class outside Hydra in
-    Hydra's own configuration.
+    Raises UserError for a flag that there is not, for an output that is no folder, and for a value nested too deep.
     """
-    for i, argument in enumerate(arguments):
-        if argument.startswith("-") and argument.partition("=")[0] not in _FLAGS:
-            plain = argument.lstrip("-")
-            hint = f"write {plain} without dashes" if "=" in plain else "estlab run --hydra-help lists them"
-            raise UserError(f"there is no flag {argument}; {hint}")
-        if argument in _WITH_VALUE and i + 1 == len(arguments):
-            raise UserError(f"{argument} takes a value")
-        if re.fullmatch(r"output=(null|\[.*|\{.*|''|\"\"|)", argument):
-            raise UserError(f"{argument}: output must be a folder, for example output=runs")
-        if (match := re.match(r"[+~]*hydra\..*_target_=(.*)", argument)) and not match[1].startswith("hydra"):
-            raise UserError(f"{argument} is refused: Hydra's own classes are hydra's")
-        _check_installed(argument)
-    return _of_a_sweep(_of_other_data(_file_names(_expectations(_several_filters(arguments)))))
+    flags, words = parted(arguments)
+    sweep = is_sweep(flags, words)
+    for word in words:
+        if re.fullmatch(r"output=(null|''|\"\"|)", word):
+            raise UserError(f"{word}: output must be a folder, for example output=runs")
+        _check_size(word)
+        _check_installed(word)
+    words = [quoted_path(word, sweep) for word in _file_names(_expectations(_several_filters(words)))]
+    experiment = any(word.startswith("+experiment=") for word in words)
+    ours = [*OF_A_SWEEP * sweep, *_OF_OTHER_DATA * (experiment and other_data(words))]
+    return [*flags, *(ours if words and words[: len(ours)] != ours else []), *words]
 
 
-def _of_a_sweep(arguments: list[str]) -> list[str]:
-    """In a sweep, what is typed alone is expected: a file's expectations are of its own values, not of those swept.
+def parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Flags, each with its value in one word, and the other words."""
+    flags: list[str] = []
+    words: list[str] = []
+    rest = list(arguments)
+    while rest:
+        argument = rest.pop(0)
+        flag, equals, value = argument.partition("=")
+        if not argument.startswith("-"):
+            words.append(argument)
+        elif flag not in _FLAGS:
+            raise UserError(f"there is no flag {argument}; {_instead(argument)}")
+        elif flag in _INFO:
+            found = value if equals else rest.pop(0) if rest and rest[0] in _INFO_ON else "all"
+            flags.append(f"--info={found}")
+        elif flag not in _WITH_VALUE:
+            flags.append(argument)
+        elif not (value or rest):
+            raise UserError(f"{flag} takes a value")
+        else:
+            value = value if equals else rest.pop(0)
+            flags.append(f"{_WITH_VALUE[flag]}={home(value) if flag in CONFIG_DIR else value}")
+    return flags, words
 
-    Nor has each job a page, if none is asked for.
-    """
-    sweep = any(re.fullmatch(r"-m|--multirun|\+*hydra\.mode=.*MULTIRUN.*", argument) for argument in arguments)
-    return _with_defaults(arguments, ["expect=null", "expect_files=null", "report=false"]) if sweep else arguments
+
+def _instead(argument: str) -> str:
+    """What may have been meant by a flag that there is not."""
+    from estlab.config import nearest
+
+    flag, equals, _ = argument.partition("=")
+    if flag in ("--resume", "--dry-run"):
+        return f"estlab sweep takes {flag}"
+    known = [*_WITH_VALUE, "--resume"] if equals else [*_FLAGS, "--resume", "--dry-run"]
+    near = nearest(flag, known).removeprefix("; ")
+    plain = argument.lstrip("-")
+    return near or (f"write {plain} without dashes" if equals else "estlab run --hydra-help lists them")
 
 
-def _of_other_data(arguments: list[str]) -> list[str]:
-    """Of an experiment on a recording instead, neither what its file expects nor its number of runs holds.
-
-    What it expects of that recording, under expect_files, does.
-    """
-    experiment = any(argument.startswith("+experiment=") for argument in arguments)
-    other = experiment and other_data(arguments)
-    return _with_defaults(arguments, ["expect=null", "runs=1"]) if other else arguments
+def is_sweep(flags: Sequence[str], words: Sequence[str]) -> bool:
+    """Whether these make a sweep."""
+    mode = any(re.fullmatch(r"\+*hydra\.mode=.*MULTIRUN.*", word) for word in words)
+    return mode or bool({"-m", "--multirun"} & set(flags))
 
 
-def _with_defaults(arguments: list[str], keys: list[str]) -> list[str]:
-    """The keys before the first that is typed, which adds to them: Hydra takes no flag between keys."""
-    first = next((i for i, argument in enumerate(arguments) if re.match(r"[^-].*=|~", argument)), None)
-    return arguments if first is None else [*arguments[:first], *keys, *arguments[first:]]
+def _check_size(word: str) -> None:
+    """Hydra's parsers call themselves for each bracket, and take ever longer."""
+    key, _, value = word.partition("=")
+    brackets = value if not is_path(key) else "".join(re.findall(r"\$\{|\}", value))
+    depth = deepest = 0
+    for sign in brackets:
+        depth += (sign in "[{(") - (sign in "]})")
+        deepest = max(deepest, depth)
+    if deepest > _DEEPEST:
+        raise UserError(f"{word[:40]}...: brackets lie more than {_DEEPEST} deep; no key has such a value")
+    if re.search(rf"\d{{{_DIGITS}}}", brackets):
+        raise UserError(f"{word[:40]}...: is too large a number")
 
 
 def _expectations(arguments: list[str]) -> list[str]:
@@ -75,13 +124,14 @@ def _expectations(arguments: list[str]) -> list[str]:
     written: list[str] = []
     for argument in arguments:
         match = re.fullmatch(r"\+{0,2}(expect(?:\.[^=]+)?)=(.*)", argument, re.DOTALL)
+        words = [argument]
         if argument == "~expect" or re.fullmatch(r"\+{0,2}expect=\s*(null|\{\s*\})?\s*", argument):
-            written += ["expect=null", "expect_files=null"]
-        elif match is None:
-            written.append(argument)
-        else:
+            words = ["expect=null", "expect_files=null"]
+        elif match is not None:
             key, value = match.groups()
-            written += [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
+            words = [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
+        # What was written so before stays as it is.
+        written += words[1:] if written[-1:] == words[:1] else words
     return written
 
 

@@ -7,10 +7,11 @@ from functools import partial
 from pathlib import Path
 
 from estlab import __version__
+from estlab.arguments import CONFIG_DIR, parted
 from estlab.cores import enough_memory, one_thread_each
-from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory
+from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory, printable
 from estlab.launch import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
-from estlab.paths import conf_folder
+from estlab.paths import options
 from estlab.signals import interruptible
 from estlab.stdio import Streams
 from estlab.warned import in_a_line
@@ -29,7 +30,7 @@ estlab: a command-line laboratory for nonlinear state estimation
   estlab clean                             list the runs that failed or stopped; --yes deletes them
   estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
   estlab report DIR [DIR ...]              draw report.html of a run or a sweep again, from its directory alone
-  estlab list [scenarios|filters|experiments]  what there is
+  estlab list [scenarios|filters|experiments]  what there is; --config-dir DIR, what lies there too
   estlab run --help                        every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
 
@@ -39,6 +40,7 @@ Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usag
 
 _COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
 _OF_DIRECTORIES = ("compare", "rerun", "clean")
+_HEAD = 4000  # characters of a file in which its comment ends
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
 
@@ -68,6 +70,8 @@ def _run(arguments: list[str]) -> int:
         exec("")
         return INTERRUPTED
     except OSError as error:
+        if error.strerror is None:
+            raise  # none of the system's: Hydra's, for whoever wants its traceback
         return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
     except (MemoryError, ImportError) as error:
         if not is_lack_of_memory(error):
@@ -110,8 +114,6 @@ def _dispatch(arguments: list[str]) -> int:
     elif command == "simulate":
         if {"-m", "--multirun"} & set(rest):
             raise UserError("estlab simulate writes one data set; leave out --multirun")
-        if not any(re.match(r"data\.path=.|-", word) for word in rest):
-            raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
         # It makes no run directory, so Hydra's is where the user stands.
         return launch(["hydra.run.dir=.", *rest], simulate_job)
     elif command == "report":
@@ -128,27 +130,40 @@ def _dispatch(arguments: list[str]) -> int:
 
 
 def _list(arguments: list[str]) -> int:
-    """Print the options of each group with the comment that heads its file."""
-    if arguments and arguments[0] in ("-h", "--help"):
+    """Print the options of each group, the user's own among them, with the comment that heads its file."""
+    if {"-h", "--help"} & set(arguments):
         print(HELP, end="")
         return OK
-    for kind in arguments or _GROUPS:
+    flags, kinds = parted(arguments)
+    folders = [Path(flag.removeprefix(f"{CONFIG_DIR[0]}=")) for flag in flags]
+    for flag, folder in zip(flags, folders, strict=True):
+        if not flag.startswith(CONFIG_DIR[0]):
+            raise UserError(f"estlab list takes {CONFIG_DIR[0]} DIR and --help, not {flag}")
+        if not folder.is_dir():
+            raise UserError(f"{CONFIG_DIR[0]}: there is no folder {folder}")
+    for kind in kinds:
         if kind not in _GROUPS:
-            raise UserError(f"estlab list takes {', '.join(_GROUPS)}; got {kind}")
-        print(kind if not arguments else "", end="\n" if not arguments else "")
-        options = sorted((conf_folder() / _GROUPS[kind]).glob("*.yaml"))
-        width = max(len(option.stem) for option in options)
-        for option in options:
-            lines = _comment(option)
-            print(f"  {option.stem:{width}}  {lines[0]}")
+            from estlab.config import nearest
+
+            raise UserError(f"estlab list takes {', '.join(_GROUPS)}; got {kind}{nearest(kind, list(_GROUPS))}")
+    for kind in kinds or _GROUPS:
+        print(kind if not kinds else "", end="\n" if not kinds else "")
+        found = options(_GROUPS[kind], folders)
+        width = max(map(len, found))
+        for name, path in found.items():
+            lines = _comment(path)
+            print(printable(f"  {name:{width}}  {lines[0]}"))
             for line in lines[1:]:
-                print(f"  {'':{width}}  {line}")
+                print(printable(f"  {'':{width}}  {line}"))
     return OK
 
 
 def _comment(path: Path) -> list[str]:
+    """The lines of the comment that heads a file."""
     lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    with open(path, encoding="utf-8", errors="replace") as stream:
+        head = stream.read(_HEAD)
+    for line in head.splitlines():
         if not line.startswith("#"):
             break
         if not line.startswith("# @package"):
@@ -174,7 +189,7 @@ def _complete(arguments: list[str]) -> int:
     if words[1] == "report":
         from estlab.report.command import folders
 
-        print(" ".join(folders("" if line.endswith(" ") else words[-1])))
+        print(printable(" ".join(folders("" if line.endswith(" ") else words[-1]))))
         return OK
     if words[1] == "verify":
         from estlab.verify import experiment_files

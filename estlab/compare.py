@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from estlab.errors import UserError, printable
 from estlab.launch import FAILED, OK, complain
+from estlab.path_arguments import home
 
 if TYPE_CHECKING:
     from estlab.archive.pairing import Pair
@@ -97,9 +98,9 @@ def _read(arguments: Sequence[str]) -> Wanted:
             elif flag == "--against":
                 wanted.against = value
             elif flag == "--csv":
-                wanted.csv = value
+                wanted.csv = home(value)
             else:
-                wanted.plot = Path(value)
+                wanted.plot = Path(home(value))
         elif word in _FLAGS:
             if wanted.form not in ("", word):
                 raise UserError("--md and --latex are two forms of one output; take one")

@@ -2,65 +2,91 @@
 
 import contextlib
 import re
+from collections.abc import Sequence
 
 from estlab.errors import PluginError, UserError
-from estlab.paths import conf_folder
+from estlab.known_keys import known_keys
 
 
-def one_line(error: Exception, arguments: list[str]) -> str:
-    """Hydra's and OmegaConf's messages, of several lines, as one that names the key and the nearest known one."""
-    from estlab.config import nearest, unknown_key
+def one_line(error: Exception, arguments: Sequence[str]) -> str:
+    """Hydra's and OmegaConf's messages, of several lines, as one that names the key and the nearest known one.
 
+    arguments: as Hydra took them.
+    """
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, PluginError):
         return f"{error}; HYDRA_FULL_ERROR=1 shows the traceback"
     text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
-    if match := re.search(r"Could not override '([^']+)'", text):
-        wrong = match[1].lstrip("+")
-        written = next((word for word in arguments if word.partition("=")[0] == wrong), wrong)
-        if wrong == "experiment":
-            return f"write +{written}: an experiment is added to the configuration"
-        known = _known_keys(arguments)
-        if among := re.match(r"filters\.(\w+)\.", wrong):
-            one = wrong.replace(among[0], "filter.")
-            if one in known:
-                return f"{wrong}: there is no {among[1]} among several filters here; a single one takes {one}"
-            alone = unknown_key(one, known)
-            return re.sub(r"\bfilter\.", among[0], alone)
-        return f"{wrong} is not a key of every job here" if wrong in known else unknown_key(wrong, known)
-    if match := re.search(
-        r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*?)\s*(?:Config search path|$))?",
-        text,
-        re.DOTALL,
-    ):
-        group, _, option = match[1].rpartition("/")
-        options = (match[2] or "").split()
-        return f"there is no {group or 'config'} {option}{nearest(option, options)}" + (
-            f" (one of {', '.join(options)})" if options else ""
-        )
-    if match := re.search(r"invalid literal for int\(\) with base 10: '(\w+)'", text):
-        for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
-            stem, dot, rest = key.partition(f".{match[1]}")
-            if dot and not rest and stem.startswith("expect."):
-                return f"{key}: {stem} is a list here; replace it whole, as {stem}={{{match[1]}: {value}}}"
+    if folder := re.search(r"Additional config directory '(.*)' not found", text):
+        return f"--config-dir: there is no folder {folder[1]}"
+    for explain in (_unknown_key, _unknown_option, _no_list):
+        if said := explain(text, arguments):
+            return said
+    if re.search(r"Lexer|Error parsing override|OverrideParse", f"{type(error).__name__} {text}"):
+        return f"{_unparsed(arguments)}: write key=value, with quotes around values that have other signs in them"
     said = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-    if re.search(r"Lexer|Error parsing override", said):
-        return f"{said.split('; ')[0]}: write key=value, with quotes around values that have other signs in them"
     return said if isinstance(error, ValueError) and said else f"{type(error).__name__}: {said}"
 
 
-def _known_keys(arguments: list[str]) -> list[str]:
-    """Every group and key of the configuration that the group choices among the arguments compose."""
-    from hydra import compose, initialize_config_dir
+def _unknown_key(text: str, arguments: Sequence[str]) -> str:
+    from estlab.config import unknown_key
+
+    match = re.search(r"Could not override '([^']+)'|Could not delete from config\. '([^']+)' does not exist", text)
+    if not match:
+        return ""
+    wrong = (match[1] or match[2]).lstrip("+")
+    if wrong == "experiment":
+        written = next((word for word in arguments if word.partition("=")[0] == wrong), wrong)
+        return f"write +{written}: an experiment is added to the configuration"
+    if "@" in wrong:
+        return f"{wrong}: nothing is placed there; +{wrong}=... places a choice of the group"
+    known = known_keys(arguments, wrong)
+    if wrong in known:
+        return f"{wrong} is not a key of every job here"
+    among = re.match(r"filters\.([\w-]+)\.", wrong)
+    if among and f"filters.{among[1]}" not in known:
+        one = wrong.replace(among[0], "filter.")
+        return f"{wrong}: there is no {among[1]} among several filters here; a single one takes {one}"
+    return unknown_key(wrong, known)
+
+
+def _unknown_option(text: str, arguments: Sequence[str]) -> str:
+    from estlab.config import nearest
+
+    listed = r"Could not find '([^']+)'\s*(?:Available options in '[^']+':\s*(.*?)\s*(?:Config search path|$))?"
+    match = re.search(listed, text, re.DOTALL)
+    if not match:
+        return ""
+    group, _, option = match[1].rpartition("/")
+    options = (match[2] or "").split()
+    among = f" (one of {', '.join(options)})" if options else ""
+    return f"there is no {group or 'config'} {option}{nearest(option, options)}{among}"
+
+
+def _no_list(text: str, arguments: Sequence[str]) -> str:
+    match = re.search(r"invalid literal for int\(\) with base 10: '(\w+)'", text)
+    if not match:
+        return ""
+    for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
+        stem, dot, rest = key.partition(f".{match[1]}")
+        if dot and not rest and stem.startswith("expect."):
+            return f"{key}: {stem} is a list here; replace it whole, as {stem}={{{match[1]}: {value}}}"
+    return ""
+
+
+def _unparsed(arguments: Sequence[str]) -> str:
+    """The first of the words that Hydra's grammar has no place for."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
-    from estlab.config import key_paths
-
-    groups = [folder.name for folder in conf_folder().iterdir() if folder.is_dir() and folder.name != "hydra"]
-    chosen = [argument for argument in arguments if argument.partition("=")[0] in groups]
-    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        for overrides in (chosen, []):
-            with contextlib.suppress(HydraException):
-                return [*groups, *key_paths(compose("config", overrides=overrides))]
-    return groups
+    parser = OverridesParser.create()
+    for word in arguments:
+        if word.startswith("-"):
+            continue
+        try:
+            with contextlib.suppress(RecursionError):
+                parser.parse_override(word)
+        except HydraException:
+            return word
+    return "the command line"

@@ -21,6 +21,7 @@ from estlab.groups import Data, Noise, Sweep
 from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.contract import Scenario
+from estlab.targets import check_targets, resolved
 
 Node = Mapping[str, Any]
 
@@ -87,7 +88,7 @@ def build(config: Node) -> Settings:
     Raises UserError, naming the key, the value and the remedy, for the first thing that is wrong.
     """
     allowed = ("estlab", *_plugins(config.get("plugins")))
-    _check_targets(config, "", allowed)
+    check_targets(config, "", allowed)
     return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
 
 
@@ -129,6 +130,8 @@ def unknown_key(path: str, known: Sequence[str]) -> str:
     siblings = dict.fromkeys(name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == group)
     takes = f"; {group or 'the top level'} takes {', '.join(siblings)}"
     near = nearest(path, known)
+    if group in known and not siblings:
+        return f"unknown key {path}; {group} takes no keys here"
     return unknown_key(group, known) if group and not (near or siblings) else f"unknown key {path}{near or takes}"
 
 
@@ -155,7 +158,7 @@ class _Builder:
         given = [key for key in node if key != "_target_"]
         for key in given:
             if key not in parameters:
-                here = [_join(path, name) for name in parameters]
+                here = [_join(path, name) for name in parameters] + ([] if path else ["+experiment"])
                 elsewhere = [name for name in self.known if name != _join(path, key)]
                 raise UserError(unknown_key(_join(path, key), here + elsewhere))
         for key, parameter in parameters.items():
@@ -183,7 +186,7 @@ class _Builder:
             return value
         if isinstance(value, Mapping):
             if "_target_" in value:
-                make = _resolve(value["_target_"], hint, f"{path}._target_", self.allowed)
+                make = resolved(value["_target_"], hint, f"{path}._target_", self.allowed)
                 made = self.construct(make, value, path)
                 if not isinstance(made, hint):
                     raise UserError(
@@ -217,10 +220,10 @@ class _Builder:
 
 def _scalar(value: Any, hint: Any, path: str) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(value, int) and abs(value) > 2**63:
-        raise UserError(f"{path} is too large a number")
-    if number and not math.isfinite(value):
+    if number and isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{path} must be finite, got {value}")
+    if number and abs(value) >= 2**63 and (hint is int or isinstance(value, int)):
+        raise UserError(f"{path} is too large a number; whole numbers end at 9e18")
     if hint is float and number:
         return float(value)
     if hint is int and number and float(value).is_integer():
@@ -231,54 +234,6 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
         return str(value)
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
-
-
-def _check_targets(node: Any, path: str, allowed: tuple[str, ...]) -> None:
-    """Refuse every target outside the allowed packages before anything is imported."""
-    if isinstance(node, Mapping):
-        for key, value in node.items():
-            if key == "_target_":
-                _check_name(value, _join(path, key), allowed)
-            _check_targets(value, _join(path, str(key)), allowed)
-    elif isinstance(node, Sequence) and not isinstance(node, str):
-        for i, value in enumerate(node):
-            _check_targets(value, f"{path}[{i}]", allowed)
-
-
-def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
-    if not any(str(name).startswith(f"{package}.") for package in allowed):
-        raise UserError(
-            f"{path} {name} is refused: it is not in {', '.join(allowed)}; list its package under plugins to allow it"
-        )
-
-
-def _resolve(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
-    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
-    module, _, attribute = name.rpartition(".")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{path}: there is no {name} ({error})") from error
-    except (Exception, SystemExit) as error:
-        if fault := plugin_fault(error, allowed[1:]):
-            raise PluginError(fault) from error
-        said = " ".join(str(error).split())
-        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
-    made = _product(found)
-    if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
-        raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
-    _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
-    return typing.cast(Callable[..., Any], found)
-
-
-def _product(found: Any) -> Any:
-    """What calling this makes, by its own word; None if it says nothing."""
-    if inspect.isclass(found):
-        return found
-    try:
-        return typing.get_type_hints(found).get("return") if inspect.isfunction(found) else None
-    except NameError:
-        return None
 
 
 def _join(path: str, key: str) -> str:

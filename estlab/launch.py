@@ -3,11 +3,12 @@
 import contextlib
 import errno
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from estlab.arguments import prepared
 from estlab.complaints import one_line
@@ -26,8 +27,6 @@ from estlab.paths import conf_folder
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from estlab.config import Settings
-    from estlab.ensemble import Names
     from estlab.expectations import Finding
     from estlab.rundir import RunDirectory, State
 
@@ -51,28 +50,10 @@ _REMEDIES = {
     errno.EAGAIN: "the system starts no more processes for you, take cores=1",
 }
 
-# What a title says anyway, or what changes nothing in the figures.
-_TOLD = (
-    "scenario=",
-    "filter=",
-    "runs=",
-    "steps=",
-    "seed=",
-    "data",
-    "plots=",
-    "report=",
-    "output=",
-    "plugins=",
-    "keep_runs=",
-    "block_runs=",
-    "cores=",
-    "expect",
-    "++expect",
-    "sweep.",
-    "objective=",
-    "part=",
-    "parts=",
-)
+
+def pasted(path: Path) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
 
 
 def complain(message: str, code: int = USAGE) -> int:
@@ -85,6 +66,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     import hydra
     from hydra.errors import HydraException
 
+    from estlab import composition
+
     traceback_wanted = os.environ.get("HYDRA_FULL_ERROR", "0") != "0"
     codes: list[int] = []
 
@@ -95,18 +78,20 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
             if traceback_wanted:
                 raise
             short = is_lack_of_memory(error)
-            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, arguments)))
+            codes.append(complain(NO_MEMORY, FAILED) if short else complain(one_line(error, taken)))
 
-    sys.argv = ["estlab", *prepared(arguments)]
+    taken = prepared(arguments)
+    sys.argv = ["estlab", *taken]
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
+        composition.install()
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     except OSError as error:
         where = error.filename or "the folder where you stand"
         raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
@@ -115,7 +100,7 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     except Exception as error:
         if traceback_wanted or is_lack_of_memory(error):
             raise
-        raise UserError(one_line(error, arguments)) from error
+        raise UserError(one_line(error, taken)) from error
     finally:
         os.environ["HYDRA_FULL_ERROR"] = "1" if traceback_wanted else "0"
     return max(codes, default=OK)
@@ -129,11 +114,11 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab import expectations, experiment, rundir
+    from estlab import composed, expectations, experiment, rundir
 
-    folder = Path(HydraConfig.get().runtime.output_dir)
+    folder = Path(composed.raw(HydraConfig.get().runtime)["output_dir"])
     try:
-        settings, names = _settings(config)
+        settings, names = composed.settings_of(config)
         experiment.check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
@@ -191,73 +176,27 @@ def write_page(folder: Path) -> None:
     try:
         page.write(folder)
     except OSError as error:
-        complain(f"{error.filename}: {error.strerror}; the page is missing, draw it later with estlab report {folder}")
+        complain(
+            f"{error.filename}: {error.strerror}; the page is missing, "
+            f"draw it later with estlab report {pasted(folder)}"
+        )
     except Exception as error:
         complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
 
 
 def simulate_job(config: "DictConfig") -> int:
-    from estlab import experiment
+    """Write simulated data: the exit code.
 
-    for path in experiment.simulate(*_settings(config)):
-        print(path)
+    Raises UserError for a configuration from which none can be made.
+    """
+    from estlab import composed, experiment
+
+    settings, names = composed.settings_of(config)
+    if settings.data.path is None:
+        raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
+    for path in experiment.simulate(settings, names):
+        print(printable(str(path)))
     return OK
-
-
-def _settings(config: "DictConfig") -> "tuple[Settings, Names]":
-    """The composed configuration as objects, and what the user called them."""
-    from estlab.config import build
-
-    plain, names = described(config)
-    return build(plain), names
-
-
-def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
-    """The composed configuration as plain data, and what the user called its parts."""
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import OmegaConf
-
-    from estlab import given
-    from estlab.ensemble import Names
-
-    hydra = HydraConfig.get()
-    if config.get("plugins"):
-        # An installed command, unlike python -m, does not look where the user stands.
-        sys.path.insert(0, str(Path.cwd()))
-    plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
-    if hydra.job.chdir and plain["data"]["path"]:
-        plain["data"]["path"] = str(Path(hydra.runtime.cwd) / plain["data"]["path"])
-    words = list(hydra.overrides.task)
-    chosen = [word for word in words if word.startswith("filter=")]
-    if plain["filters"] and chosen and not any("filter@filters" in word for word in words):
-        theirs = ",".join(plain["filters"])
-        raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
-    given.refuse_single_filter(words, plain["filters"])
-    folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
-    stated = given.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
-    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
-        given.refuse_unread(_unread(plain), words, stated)
-    changes = tuple(o.lstrip("+") for o in hydra.overrides.task if not o.startswith((*_TOLD, "+filter@")))
-    choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
-    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
-    scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return plain, Names(scenario, filter, changes, given.other_data(words) and bool(stated.get("expect")))
-
-
-def _unread(plain: "dict[str, Any]") -> dict[str, str]:
-    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
-    from estlab.config import build
-
-    try:
-        settings = build(plain)
-    except UserError:
-        return {}
-    scenario, source = settings.scenario, settings.data.source
-    unread = {f"scenario.{key}": reader for key, reader in scenario.unread(source).items()}
-    if source == "simulated" or not scenario.timed:
-        reader = "data=files" if scenario.timed else "recordings that carry times"
-        unread |= dict.fromkeys(("data.clock_faults", "data.clock_gap"), reader)
-    return unread
 
 
 def _reason(error: BaseException, log: Path) -> str:

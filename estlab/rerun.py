@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from estlab.errors import UserError
 from estlab.launch import FAILED, OK, complain, concluded
+from estlab.path_arguments import PATHS, home
+from estlab.quoting import unquoted
 
 if TYPE_CHECKING:
     from estlab.archive.finished import Finished
@@ -74,6 +76,7 @@ def rerun(arguments: Sequence[str]) -> int:
 
 def _read(arguments: Sequence[str]) -> Wanted:
     from estlab.archive.finished import is_run
+    from estlab.config import nearest
 
     keys: dict[str, str] = {}
     folders = []
@@ -84,9 +87,10 @@ def _read(arguments: Sequence[str]) -> Wanted:
         if not equals or Path(word).exists():
             folders.append(Path(word))
         elif key not in _KEYS or not value:
-            raise UserError(f"{word}: estlab rerun runs what was run; it takes {', '.join(_KEYS)} alone")
+            near = nearest(key, _KEYS)
+            raise UserError(f"{word}: estlab rerun runs what was run; it takes {', '.join(_KEYS)} alone{near}")
         else:
-            keys[key] = value
+            keys[key] = home(unquoted(value)) if key in PATHS else value
     if len(folders) != 1:
         raise UserError("estlab rerun takes one run directory, for example estlab rerun runs/latest; see --help")
     if not is_run(folders[0]):

@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estlab import yaml_bounds
 from estlab.errors import UserError
 from estlab.given import other_data
 from estlab.launch import FAILED, OK, USAGE, complain, launch, remove_if_ours, run_job
+from estlab.path_arguments import home
 from estlab.paths import conf_folder
 
 if TYPE_CHECKING:
@@ -91,7 +93,7 @@ def _read(arguments: Sequence[str]) -> tuple[list[str], list[str], Path | None]:
         flag, equals, value = word.partition("=")
         if flag in _CONFIG_DIR:
             value = value if equals else next(words, "")
-            folder = Path(value)
+            folder = Path(home(value))
             if not value or not folder.is_dir():
                 raise UserError(f"{flag} takes a folder of configuration, got {value!r}")
         elif word.startswith("-"):
@@ -125,6 +127,7 @@ def _expects(path: Path) -> bool:
     from omegaconf import DictConfig, OmegaConf
 
     try:
+        yaml_bounds.check(path)
         content = OmegaConf.load(path)
     except Exception:
         return True

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from estlab.errors import UserError
+from estlab.errors import UserError, printable
 
 HELP = """\
 estlab report DIR [DIR ...]
@@ -33,7 +33,7 @@ def report(arguments: list[str]) -> None:
     for word in arguments:
         page.is_sweep(Path(word))
     for word in arguments:
-        print(page.write(Path(word)))
+        print(printable(str(page.write(Path(word)))))
 
 
 def folders(begun: str) -> list[str]:

@@ -6,6 +6,7 @@ from typing import Any, BinaryIO
 
 from estlab.archive.pairing import Pair
 from estlab.archive.rows import Metric, Row
+from estlab.errors import printable
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.report.grids import Grid
 
@@ -95,7 +96,7 @@ def write(
                 f"{name}.n": found.found.n if found else None,
             }
         lines.append(line)
-    table = pd.DataFrame(lines).map(_harmless)
+    table = pd.DataFrame(lines).map(_harmless).rename(columns=_harmless)
     whole = {name: "Int64" for name in table if name == "against" or str(name).endswith((".n", ".of"))}
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
     table.astype(whole).to_csv(text, index=False)
@@ -119,8 +120,10 @@ def _numbers(row: Row, metric: Metric) -> dict[str, Any]:
 
 
 def _harmless(cell: Any) -> Any:
-    """A text that a spreadsheet would take for a formula, as text."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
+    """A text without what would steer a terminal, and as text where a spreadsheet would take it for a formula."""
+    if not isinstance(cell, str):
+        return cell
+    return f"'{printable(cell)}" if cell.startswith(("=", "+", "-", "@", "\t", "\r")) else printable(cell)
 
 
 def _title(rows: Sequence[Row]) -> str:

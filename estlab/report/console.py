@@ -1,12 +1,25 @@
 """Standard output and a progress bar; plain lines where there is no terminal."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from rich.console import Console
+import rich.console
+from rich.segment import Segment
+
+from estlab.errors import printable
 
 _EVERY = 0.1  # seconds between updates of the bar
+
+
+class Console(rich.console.Console):
+    """A console on which no text steers the terminal, whoever wrote it: names and errors come from files."""
+
+    def render(self, *arguments: Any, **options: Any) -> Iterable[Segment]:
+        for text, style, control in super().render(*arguments, **options):
+            lines = text if control else "\n".join(map(printable, text.split("\n")))
+            yield Segment(lines, style, control)
 
 
 def console() -> Console:

@@ -6,8 +6,12 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 _VOID = frozenset({"img", "meta", "link", "br"})
-# Control characters and halves of surrogate pairs are no HTML, and the latter no UTF-8.
-_REPLACED = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160), *range(0xD800, 0xE000)), "\ufffd")
+# Control characters and halves of surrogate pairs are no HTML, and the latter no UTF-8; marks of direction hide names.
+_REPLACED = dict.fromkeys(
+    (*range(9), 11, 12, *range(14, 32), *range(127, 160), *range(0xD800, 0xE000))
+    + (0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)),
+    "\ufffd",
+)
 
 
 class Html(str):

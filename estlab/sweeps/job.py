@@ -12,7 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from estlab.launch import OK, USAGE, concluded, described
+from estlab.composed import described, typed
+from estlab.launch import OK, USAGE, concluded
+from estlab.path_arguments import as_typed
 from estlab.rundir import CONFIG, OVERRIDES, RunDirectory, process
 from estlab.sweeps import state
 
@@ -59,7 +61,9 @@ class Job:
             names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
             experiment.check(settings, names)
-            return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "run", *self.overrides]))
+            return expectations.unmet(
+                experiment.run(settings, names, directory, ["estlab", "run", *map(as_typed, self.overrides)])
+            )
 
         with _output(directory):
             return concluded(directory, work, bool(self.plain["report"]) and self.plain["part"] is None)
@@ -100,7 +104,7 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
     if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
         plain["cores"] = 1  # the engine has spread its jobs over the cores already
     # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
-    typed = [str(word) for word in HydraConfig.get().overrides.task if not word.startswith("parts=")]
+    words = [word for word in typed() if not word.startswith("parts=")]
     return Job(
         sweep=str(sweep),
         name=name,
@@ -109,8 +113,8 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
         filter=names.filter,
         changes=list(names.changes),
         config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
-        typed=OmegaConf.to_yaml(typed),
-        overrides=[word for word in typed if not word.startswith("sweep.")],
+        typed=OmegaConf.to_yaml(words),
+        overrides=[word for word in words if not word.startswith("sweep.")],
     )
 
 

@@ -1,14 +1,16 @@
 """From the words of a sweep to its jobs, each composed once to know its name and its figures' fingerprint."""
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from estlab.blocks import block_count
+from estlab.composed import described
 from estlab.config import build
 from estlab.errors import UserError
 from estlab.groups import Sweep
-from estlab.launch import described
-from estlab.sweeps.plan import combinations
+from estlab.quoting import unquoted
+from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
 
 if TYPE_CHECKING:
@@ -82,7 +84,7 @@ def _values(override: "Override") -> list[str]:
         )
     if getattr(override.value(), "shuffle", False):
         raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
-    values = list(override.sweep_string_iterator())
+    values = list(islice(override.sweep_string_iterator(), MOST + 1))
     if not values:
         raise UserError(f"{word}: gives no value")
     return values
@@ -113,7 +115,7 @@ def composed(
         plain, names = described(job_config)
     finally:
         HydraConfig.instance().cfg = before
-    shown = {key: _unquoted(value) for key, value in values.items()}
+    shown = {key: unquoted(value) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, limits.split_runs)
     return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
@@ -138,8 +140,3 @@ def _seed(plain: dict[str, Any]) -> int:
 
 def _bare(key: str) -> str:
     return key.lstrip("+")
-
-
-def _unquoted(value: str) -> str:
-    quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
-    return value[1:-1] if quoted else value

@@ -1,9 +1,12 @@
 """From keys with several values to the combinations of a sweep."""
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import product
 
 from estlab.errors import UserError
+
+MOST = 1_000_000  # jobs of a sweep
 
 Values = Mapping[str, Sequence[str]]
 
@@ -11,7 +14,7 @@ Values = Mapping[str, Sequence[str]]
 def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
     """Every combination of the keys' values, the last key's running fastest; zipped keys run together.
 
-    Raises UserError for zipped keys that are not swept or have unequal numbers of values.
+    Raises UserError for zipped keys that are not swept or have unequal numbers of values, and for more than MOST.
     """
     _check_zip(swept, zipped)
     together = {key: values for key, values in swept.items() if key in zipped}
@@ -23,6 +26,8 @@ def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
         elif not placed:
             axes.append(pairs)
             placed = True
+    if math.prod(map(len, axes)) > MOST:
+        raise UserError(f"a sweep of more than {MOST} jobs; leave out values, or sweep keys in turn")
     found = [{key: value for part in parts for key, value in part.items()} for parts in product(*axes)]
     return [{key: values[key] for key in swept} for values in found]
 

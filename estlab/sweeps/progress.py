@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from estlab import rundir
+from estlab.report.console import Console
 from estlab.rundir import files
 from estlab.rundir.layout import RECORD_BYTES
 from estlab.sweeps import state

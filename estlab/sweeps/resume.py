@@ -1,46 +1,66 @@
 """estlab's own flags of a sweep, --resume DIR and --dry-run, as the words that Hydra takes."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from estlab.arguments import CONFIG_DIR, parted, prepared
 from estlab.errors import UserError
+from estlab.path_arguments import home
+from estlab.quoting import elements, literal, quoted, unquoted
 
-# A directory may come from a stranger. What these words do is done with his configuration or by his plugins, so
-# whoever resumes must type them; the others choose among what estlab itself has.
-_HIS_TO_TYPE = re.compile(
-    r"[+~]*(plugins\b|hydra\.(?!job\.name=[\w.-]+$)|hydra/(?!launcher=\w+$|sweeper=optuna$)|-(?!-multirun$|m$))"
-)
-_ENGINE = re.compile(r"[+~]*hydra([./])launcher\b")
+# Of the sweep there, these have done their part, or are where it lies.
+_DONE_WITH = ("sweep.dir", "hydra.sweep.dir", "sweep.dry_run")
 
 
 def without_own_flags(arguments: Sequence[str]) -> list[str]:
     """The arguments with --dry-run as a key, and --resume DIR as the words of the sweep there."""
     words = ["sweep.dry_run=true" if word == "--dry-run" else word for word in arguments]
-    if "--resume" not in words:
+    at = next((i for i, word in enumerate(words) if word.partition("=")[0] == "--resume"), None)
+    if at is None:
         return words
-    at = words.index("--resume")
-    if at + 1 == len(words) or words[at + 1].startswith("-"):
+    _, equals, folder = words[at].partition("=")
+    more = words[:at] + words[at + 1 + (not equals) :]
+    folder = folder if equals else (words[at + 1 :] or [""])[0]
+    if not folder or (folder.startswith("-") and not equals):
         raise UserError("--resume takes the directory of a sweep, as in estlab sweep --resume runs/latest")
-    return [*_words_of(Path(words[at + 1]), words[:at] + words[at + 2 :]), *words[:at], *words[at + 2 :]]
+    return [*_words_of(Path(home(folder)), more), *more]
 
 
 def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:
+    """The words of the sweep in a directory, but for those that are typed anew."""
+    from estlab.sweeps.allowed import refused
     from estlab.sweeps.state import plan_of
 
     plan = plan_of(sweep)
-    own = [word for word in plan["arguments"] if not word.startswith(("sweep.dir=", "sweep.dry_run="))]
-    if any(_ENGINE.match(word) for word in more):
-        own = [word for word in own if not _ENGINE.match(word)]
-    if wrong := next((word for word in own if _HIS_TO_TYPE.match(word)), None):
+    typed_flags, typed = parted(more)
+    folders = [Path(flag.partition("=")[2]) for flag in typed_flags if flag.startswith(CONFIG_DIR)]
+    given = {_key(word) for word in typed}
+    engine_too = "hydra/launcher" in given
+    kept = [
+        word
+        for word in plan["arguments"]
+        if _key(word) not in {*given, *_DONE_WITH} and not (engine_too and _key(word).startswith("hydra.launcher."))
+    ]
+    # It is the words as Hydra takes them that must be harmless.
+    flags, own = parted(prepared(["--multirun", *kept]))
+    flags = [
+        flag for flag in flags if flag not in ("-m", "--multirun") and not (folders and flag.startswith(CONFIG_DIR))
+    ]
+    if wrong := next(iter(flags), "") or refused(own, folders):
         raise UserError(
-            f"{sweep}: {wrong} of its command must be typed by who trusts it; "
-            f"give its whole command again with sweep.dir={sweep}"
+            f"{sweep}: {wrong} of its command must be typed by who trusts it; add it to this command, "
+            f"or give its whole command again with sweep.dir={sweep}"
         )
-    relative = any(re.match(r"[+]*data\.path=[^/]", word) for word in own)
-    if relative and Path(plan["folder"]) != Path.cwd():
+    if any(map(_is_relative, own)) and Path(plan["folder"]) != Path.cwd():
         raise UserError(f"{sweep}: its data.path is relative; resume it from {plan['folder']}")
-    given = {word.partition("=")[0] for word in more}
-    own = [word for word in own if not (word.startswith("sweep.") and word.partition("=")[0] in given)]
-    place = str(sweep.resolve()).replace("'", "\\'")
-    return [*(word for word in own if word not in ("-m", "--multirun")), f"sweep.dir='{place}'"]
+    return [*own, f"sweep.dir={quoted(literal(str(sweep.resolve())))}"]
+
+
+def _key(word: str) -> str:
+    return word.partition("=")[0].lstrip("+")
+
+
+def _is_relative(word: str) -> bool:
+    """Whether a word gives data.path by a path that depends on where one stands."""
+    values = elements(word.partition("=")[2]) if _key(word) == "data.path" else []
+    return any(not Path(home(unquoted(value))).is_absolute() for value in values)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from estlab import rundir
 from estlab.errors import UserError
 from estlab.groups import Sweep
+from estlab.quoting import literal, quoted
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned
@@ -32,7 +33,7 @@ class Rounds:
 
         self.context, self.config, self.sweep, self.limits = context, config, sweep, limits
         with read_write(config), open_dict(config):
-            config.hydra.sweep.dir = str(sweep)
+            config.hydra.sweep.dir = literal(str(sweep))
         # Of jobs without a directory, when there is no room for one.
         self.errors: dict[str, str] = {}
 
@@ -69,8 +70,8 @@ class Rounds:
         launcher = Plugins.instance().instantiate_launcher(
             hydra_context=self.context, task_function=task, config=self.config
         )
-        place = f"hydra.sweep.dir={state.quoted(str(self.sweep))}"
-        words = [[*job.overrides, place, f"hydra.sweep.subdir={state.quoted(job.name)}"] for job in jobs]
+        place = f"hydra.sweep.dir={quoted(literal(str(self.sweep)))}"
+        words = [[*job.overrides, place, f"hydra.sweep.subdir={quoted(literal(job.name))}"] for job in jobs]
         return launcher.launch(words, initial_job_idx=jobs[0].number)
 
     def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:

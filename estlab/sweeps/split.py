@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from estlab.quoting import literal, quoted
 from estlab.sweeps import state
 from estlab.sweeps.state import Outcome, Planned
 
@@ -64,5 +65,5 @@ def merges(jobs: Sequence[Planned], sweep: Path) -> list[Planned]:
 
 
 def _merge(job: Planned, sweep: Path) -> Planned:
-    folders = ",".join(state.quoted(str(sweep / part.name)) for part in parts_of(job))
+    folders = ",".join(quoted(literal(str(sweep / part.name))) for part in parts_of(job))
     return replace(job, overrides=(*job.overrides, f"parts=[{folders}]"))

@@ -271,8 +271,3 @@ def plan_of(sweep: Path) -> dict[str, Any]:
     raise UserError(
         f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"
     )
-
-
-def quoted(text: str) -> str:
-    """As a value that Hydra's grammar takes for this text."""
-    return "'" + text.replace("'", "\\'") + "'"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from estlab import rundir
 from estlab.config import sweep_settings
-from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain, write_page
+from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain, pasted, write_page
 from estlab.sweeps import jobs, split, state, table, told
 from estlab.sweeps.progress import watched
 from estlab.sweeps.state import Outcome, Planned
@@ -65,7 +65,7 @@ class Sweep:
         told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:
-            complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
+            complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")
         return code
 
     def _run_what_is_left(self, work: Work, planned: list[Planned]) -> None:

@@ -1,6 +1,5 @@
 """What a person sees of a sweep before and after its jobs."""
 
-import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,6 +7,8 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from estlab.arguments import OF_A_SWEEP
+from estlab.launch import complain
 from estlab.report.console import console
 from estlab.sweeps import split, state, table
 from estlab.sweeps.state import Outcome, Planned
@@ -17,16 +18,13 @@ _FAILURES = 20
 
 _WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
 
-# What a sweep adds to each job by itself.
-_OURS = ("expect=null", "expect_files=null", "report=false")
-
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
     out = console()
     width = max(len(job.name) for job in planned)
     for job in planned:
-        words = [word for word in job.overrides if word not in _OURS and not word.startswith("sweep.")]
+        words = [word for word in job.overrides if word not in OF_A_SWEEP and not word.startswith("sweep.")]
         done = "  (ok)" if outcomes[job.name].state == "ok" else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
     left = sum(outcomes[job.name].state != "ok" for job in planned)
@@ -43,7 +41,7 @@ def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
         jobs = f"{len(fewer)} jobs run" if len(fewer) > 1 else f"{fewer[0].name} runs"
         parts = f"{'at most ' * (len({job.parts for job in fewer}) > 1)}{most} part{'s' * (most > 1)}"
         told = f"{jobs} in {parts}, one for each block of block_runs runs; a lower block_runs makes more"
-        print(f"estlab: sweep.split_runs={wanted}: {told}", file=sys.stderr)
+        complain(f"sweep.split_runs={wanted}: {told}")
 
 
 def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
@@ -55,7 +53,7 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
     parts = [part.name for job in planned if job not in done for part in split.parts_of(job)]
     ready = sum(before[name].state == "ok" for name in parts)
     of_parts = f" and {ready} of {len(parts)} parts of the others" if parts else ""
-    print(f"estlab: {sweep}: {len(done)} of {len(planned)} jobs{of_parts} are ok, {rest}", file=sys.stderr)
+    complain(f"{sweep}: {len(done)} of {len(planned)} jobs{of_parts} are ok, {rest}")
     damaged(before)
 
 
@@ -64,7 +62,7 @@ def damaged(before: Mapping[str, Outcome]) -> None:
     for name, outcome in before.items():
         if outcome.state == "damaged":
             kept = f"what there is of it is kept in {state.ATTEMPTS}/"
-            print(f"estlab: job {name}: {outcome.error}; it runs again, {kept}", file=sys.stderr)
+            complain(f"job {name}: {outcome.error}; it runs again, {kept}")
 
 
 def summary(

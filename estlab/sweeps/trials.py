@@ -14,7 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab import rundir
+from estlab.arguments import OF_A_SWEEP
 from estlab.metrics.objective import Objective
+from estlab.path_arguments import as_typed
 from estlab.report.console import console
 from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
@@ -119,5 +121,6 @@ def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int
 
 def command(trial: Trial) -> str:
     """The trial as a run of its own."""
-    leave = ("sweep.", "plots=", "report=", "expect=null", "expect_files=null", "objective=", "output=")
-    return shlex.join(["estlab", "run", *(word for word in trial.job.overrides if not word.startswith(leave))])
+    leave = (*OF_A_SWEEP, "sweep.", "plots=", "report=", "objective=", "output=")
+    words = [as_typed(word) for word in trial.job.overrides if not word.startswith(leave)]
+    return shlex.join(["estlab", "run", *words])

@@ -11,7 +11,7 @@ from estlab import rundir
 from estlab.config import build, nearest, sweep_settings
 from estlab.ensemble import SMOOTHED, Names, filters_of
 from estlab.errors import UserError
-from estlab.launch import FAILED, INTERRUPTED, OK, complain, write_page
+from estlab.launch import FAILED, INTERRUPTED, OK, complain, pasted, write_page
 from estlab.metrics.objective import Objective
 from estlab.sweeps import jobs, split, state, table, told, trials
 from estlab.sweeps.dimensions import dimension
@@ -164,5 +164,5 @@ class Tuning:
         trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
         write_page(self.directory)
         if interrupted:
-            complain(f"interrupted; estlab sweep --resume {self.directory} goes on")
+            complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")
         return code

@@ -53,6 +53,15 @@ def test_list_shows_what_is_in_conf(capsys):
     assert main(["list", "filters"]) == 0
     assert "scenarios" not in capsys.readouterr().out
     assert main(["list", "fruits"]) == 2
+    Path("mine/scenario").mkdir(parents=True)
+    Path("mine/scenario/kite.yaml").write_text("# A kite in the wind\n# @package _group_\n_target_: kite.Kite\n")
+    Path("mine/scenario/bytes.yaml").write_bytes(b"# \x1b[31m\xff\n")
+    capsys.readouterr()
+    assert main(["list", "scenarios", "--config-dir", "mine"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^  kite +A kite in the wind$", out, re.MULTILINE)
+    assert re.search(r"^  car ", out, re.MULTILINE)
+    assert "\x1b" not in out
 
 
 def test_a_run_writes_everything_the_contract_names(capsys):
@@ -158,9 +167,34 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "filter=pf", "filter.particles=1e9"], "filter.particles must be from 2 to 2e7"),
         (["simulate", "scenario=radar", "data.path=made"], "Radar has no file layout to write"),
         (["run", "fliter=ukf"], "unknown key fliter; did you mean filter?"),
+        (
+            ["run", "filter=[ekf,pf]", "filters.pf.resample_below=1"],
+            "filters.pf takes particles, resampling, threshold",
+        ),
+        (["run", "+experiment=field_errors", "filters.pf.partcles=9"], "did you mean filters.pf.particles?"),
+        (
+            ["run", "filter=[ekf,pf]", "filter.gate=0.9"],
+            "would not be used, there are several filters: write filters.<ekf|pf>.gate",
+        ),
+        (["run", "filter=ekf", "filters.pf.particles=9"], "there is no pf among several filters here"),
+        (["sweep", "filter=pf,ukf", "filter.particels=9,10"], "did you mean filter.particles?"),
+        (["run", "+expriment=smoke"], "unknown key expriment; did you mean +experiment?"),
+        (["run", "+experiment=smok"], "there is no experiment smok; did you mean smoke? (one of car_document, "),
+        (["run", "hydra/lancher=dask"], "unknown key hydra/lancher; did you mean hydra/launcher?"),
+        (["run", "hydra.rnu.dir=x"], "unknown key hydra.rnu.dir; did you mean hydra.run.dir?"),
+        (["run", "~filter.alhpa"], "unknown key filter.alhpa; did you mean filter.alpha?"),
+        (["run", "--config-dir", "nowhere"], "--config-dir: there is no folder"),
+        (["run", "--confg-dir", "x"], "there is no flag --confg-dir; did you mean --config-dir?"),
+        (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
+        (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
+        (["list", "experimnts"], "got experimnts; did you mean experiments?"),
+        (["list", "--config-dir", "nowhere"], "--config-dir: there is no folder nowhere"),
+        (["list", "--cfg", "job"], "estlab list takes --config-dir DIR and --help, not --cfg=job"),
+        (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
+        (["run", "seed=1e30"], "seed is too large a number"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
-        (["run", "filter.alpha=="], "Error parsing override"),
+        (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
         (["run", "data.path=somewhere"], "data.path=somewhere would not be read: add data=files"),
         (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
@@ -175,6 +209,15 @@ def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message,
     assert text.startswith("estlab: ")
     assert message in text
     assert text.count("\n") == 1
+
+
+def test_who_asks_for_hydras_traceback_gets_it(monkeypatch):
+    from hydra.errors import HydraException
+
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    for word in ("filter=ukff", "filter.alhpa=1", "seed=a b]"):
+        with pytest.raises(HydraException):
+            main(["run", word])
 
 
 def test_a_typing_error_removes_nothing_that_was_there(tmp_path):

@@ -1,0 +1,38 @@
+"""Texts as values of Hydra's grammar, and back."""
+
+import re
+
+# A backslash counts before a quote alone; the quote that ends the text has an even number of them before it.
+QUOTED = re.compile(r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*\"""", re.DOTALL)
+
+
+def quoted(text: str) -> str:
+    """The value that stands for this text, whatever is in it; ${...} in it is still an interpolation."""
+    escaped = re.sub(r"(\\*)('|\Z)", lambda found: 2 * found[1] + ("\\'" if found[2] else ""), text)
+    return f"'{escaped}'"
+
+
+def literal(text: str) -> str:
+    """The text as OmegaConf gives it back, with no interpolation in it."""
+    return re.sub(r"(\\*)\$\{", lambda found: 2 * found[1] + r"\${", text)
+
+
+def unquoted(value: str) -> str:
+    """The text that a quoted value stands for; any other value as it is."""
+    if not QUOTED.fullmatch(value):
+        return value
+    return re.sub(rf"((?:\\\\)*)(\\?)({value[0]}|\Z)", _unescaped, value[1:-1])
+
+
+def _unescaped(found: "re.Match[str]") -> str:
+    return "\\" * (len(found[1]) // 2) + found[3]
+
+
+def elements(value: str) -> list[str]:
+    """The values between the commas of a value; a comma in quotes is none."""
+    parts, begin = [], 0
+    for found in re.finditer(rf"{QUOTED.pattern}|,", value, re.DOTALL):
+        if found[0] == ",":
+            parts.append(value[begin : found.start()].strip())
+            begin = found.end()
+    return [*parts, value[begin:].strip()]
