@@ -60,6 +60,18 @@ class Finished:
         files = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
         return {str(one.get("file")): str(one.get("sha256")) for one in files}
 
+    @property
+    def plugins(self) -> dict[str, str]:
+        """SHA-256 of the source of each module of plugins by its name."""
+        return plugins_of(self.facts)
+
+
+def plugins_of(facts: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of the source of each module of plugins, by its name, as run.json has them."""
+    listed = facts.get("plugins")
+    modules = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
+    return {printable(str(one.get("module")))[:100]: printable(str(one.get("sha256"))) for one in modules[:1000]}
+
 
 def is_run(folder: Path) -> bool:
     """Whether a directory has the status file of a run."""

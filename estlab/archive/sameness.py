@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from estlab import rundir
-from estlab.archive.finished import array_names, arrays, table
+from estlab.archive.finished import array_names, arrays, plugins_of, table
 from estlab.maths.space import Array
 
 if TYPE_CHECKING:
@@ -46,15 +46,28 @@ def deviations(before: Path, now: Path) -> list[Deviation]:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What run.json says of the two that is not the same: versions, commit, machine, data. A line each."""
+    """What run.json says of the two that is not the same: versions, commit, machine, source of plugins. A line each."""
     found = [
         f"{name} {_said(old)} before, {_said(new)} now"
         for name, old, new in _provenance(before, now)
         if old != new and not (name.startswith("git") and old is None)
     ]
+    found += _changed_plugins(plugins_of(before), plugins_of(now))
     if any(_part(facts, "git").get("dirty") for facts in (before, now)):
         found.append("estlab had changes that are not committed")
     return found
+
+
+def _changed_plugins(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A line for each module of plugins whose source is not the same, for which figures may differ."""
+    for module in dict.fromkeys([*before, *now]):
+        old, new = (one[module][:12] if module in one else "" for one in (before, now))
+        if not old:
+            yield f"source of {module}: not kept before, SHA-256 {new} now, so whether it has changed is not known"
+        elif not new:
+            yield f"source of {module}: SHA-256 {old} before, not imported now; figures may differ because of it"
+        elif before[module] != now[module]:
+            yield f"source of {module}: SHA-256 {old} before, {new} now; figures may differ because of it"
 
 
 def _provenance(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

@@ -18,6 +18,7 @@ from pathlib import Path, PurePath
 from typing import Any, Literal
 
 from estlab import rundir
+from estlab.archive.finished import plugins_of
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
@@ -50,13 +51,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job's directory says: rows are those of metrics.csv, as text."""
+    """What a job's directory says: rows are those of metrics.csv, as text; plugins: SHA-256 of each module's source."""
 
     state: State
     error: str = ""
     code: int = 0
     wall_time: float | None = None
     rows: list[dict[str, str]] = field(default_factory=list)
+    plugins: dict[str, str] = field(default_factory=dict)
 
 
 def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
@@ -104,7 +106,7 @@ def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
     rows = _metrics(sweep, folder)
     if rows is None:
         return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
-    return Outcome("ok", "", 0, took, rows)
+    return Outcome("ok", "", 0, took, rows, plugins_of(facts))
 
 
 def _record(sweep: Path, file: PurePath) -> dict[str, Any]:

@@ -62,6 +62,7 @@ class Sweep:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
+        notes += told.unlike_plugins(outcomes)
         told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:

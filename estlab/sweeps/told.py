@@ -87,6 +87,20 @@ def summary(
     out.print(Text(str(sweep)), soft_wrap=True)
 
 
+def unlike_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
+    """A line for each module of plugins whose source is not the same in all jobs that are ok."""
+    hashes: dict[str, Counter[str]] = {}
+    for found in outcomes.values():
+        for module, digest in found.plugins.items():
+            hashes.setdefault(module, Counter())[digest[:12]] += 1
+    return [
+        f"the source of {module} is not the same in all jobs (SHA-256 "
+        f"{', '.join(f'{digest} in {count}' for digest, count in counts.items())}); figures may differ because of it"
+        for module, counts in hashes.items()
+        if len(counts) > 1
+    ]
+
+
 def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
     """A line for each job and part that failed, as many as a person reads."""
     out = console()

@@ -136,9 +136,11 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
     assert said(PermissionError(errno.EACCES, "denied", own)) == (
         f"{own}: denied; the run is incomplete, check its permissions"
     )
-    assert said(OSError(errno.ENOSPC, "no space")) == (
-        f"{folder}: no space; the run is incomplete, make room or set output to another disk"
+    assert said(OSError(errno.ENOSPC, "no space", own)) == (
+        f"{own}: no space; the run is incomplete, make room or set output to another disk"
     )
+    # Every file of a run is named, so this is another: shared memory, or a plugin's own.
+    assert said(OSError(errno.ENOSPC, "no space")) == f"no space; the traceback is in {log}"
     assert said(FileNotFoundError(errno.ENOENT, "not there", "a.csv")) == f"a.csv: not there; the traceback is in {log}"
     assert said(OSError("odd")) == f"odd; the traceback is in {log}"
     assert said(OSError()) == f"OSError; the traceback is in {log}"
