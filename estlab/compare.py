@@ -124,7 +124,7 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
     rows, left_out = [], []
     for path in paths:
         try:
-            if why := finished.unfinished(path, finished.status(path)):
+            if why := finished.unfinished(finished.status(path)):
                 left_out.append(f"{path}: left out, {why}")
             else:
                 rows += rows_of(finished.read(path))
@@ -221,6 +221,7 @@ def _plot(file: Path, rows: "Sequence[Row]", components: Sequence[str]) -> None:
     """Draw the overlay, of the rows whose tables can be read."""
     from estlab.datasets.whole import write_whole
     from estlab.report import overlay
+    from estlab.report.figures import boxes_for_letters
 
     curves, unread = overlay.curves_of(rows)
     for line in unread:
@@ -231,5 +232,6 @@ def _plot(file: Path, rows: "Sequence[Row]", components: Sequence[str]) -> None:
     if len(curves) > overlay.MOST:
         complain(f"{file}: shows the first {overlay.MOST} of {len(curves)} rows, more would not be told apart")
     figure = overlay.draw(curves[: overlay.MOST], components)
-    write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))
+    with boxes_for_letters():
+        write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))
     print(printable(str(file)), file=sys.stderr)

@@ -119,6 +119,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
     # there is no room for it.
     importlib.import_module("scipy.special")
+    directory.keep_sources(settings.plugins)
     with workers(settings, names) as crew:
         first = record_of(settings, names, block(settings, 0))
         check_answers(settings, names, first)
@@ -131,6 +132,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
             with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
                 ensemble = estimated(settings, names, first, crew, progress)
     directory.describe(cores=crew.cores)
+    directory.keep_sources(settings.plugins)  # what was imported on the way
     if settings.part is not None:
         if ensemble.failure:
             raise IncompleteError(f"this part of the ensemble has no sums ({ensemble.failure})")

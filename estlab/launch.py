@@ -47,7 +47,6 @@ _REMEDIES = {
     errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
     errno.ENFILE: "the system has too many files open",
     errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
-    errno.EAGAIN: "the system starts no more processes for you, take cores=1",
 }
 
 
@@ -153,7 +152,7 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
         code = USAGE if isinstance(error, UserError) else FAILED
         return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
     else:
-        return _ended(directory, "failed" if unmet else "ok", unmet, FAILED if unmet else OK)
+        return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
     finally:
         # Last, since it shows the status too.
         if page and directory.is_there():
@@ -209,7 +208,7 @@ def _reason(error: BaseException, log: Path) -> str:
         return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
     if isinstance(error, OSError):
         why = error.strerror or str(error) or type(error).__name__
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT) and not _of_directory(error, log.parent):
+        if not _of_directory(error, log.parent):
             where = f"{error.filename}: " if error.filename else ""
             return f"{where}{why}; the traceback is in {log}"
         remedy = _REMEDIES.get(error.errno or 0, "check its permissions")

@@ -63,13 +63,13 @@ def rerun(arguments: Sequence[str]) -> int:
     config = _config(before, wanted)
     settings, names = _settings(before, config, wanted)
     typed = finished.text(before.path, rundir.OVERRIDES)
-    if why := finished.unfinished(before.path, before.status):
+    if why := finished.unfinished(before.status):
         complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
     directory = rundir.RunDirectory(_place(wanted, before))
     origin = str(before.path.resolve())
-    work = partial(_work, directory, origin, config, typed, settings, names, list(arguments))
+    work = partial(_work, directory, before, origin, config, typed, settings, names, list(arguments))
     code = concluded(directory, work, settings.report)
-    if finished.unfinished(directory.path, finished.status(directory.path)):
+    if finished.unfinished(finished.status(directory.path)):
         return code
     return FAILED if why else _compare(before, finished.read(directory.path))
 
@@ -177,6 +177,7 @@ def _place(wanted: Wanted, before: "Finished") -> Path:
 
 def _work(
     directory: "RunDirectory",
+    before: "Finished",
     origin: str,
     config: dict[str, Any],
     typed: str,
@@ -188,12 +189,15 @@ def _work(
     import yaml
 
     from estlab import expectations, experiment, rundir
+    from estlab.archive import sameness
 
     directory.describe(rerun_of=origin)
     directory.write_text(rundir.CONFIG, yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
     directory.write_text(rundir.OVERRIDES, typed)
     directory.link_latest(Path(settings.output))
-    return expectations.unmet(experiment.run(settings, names, directory, ["estlab", "rerun", *arguments]))
+    findings = experiment.run(settings, names, directory, ["estlab", "rerun", *arguments])
+    directory.describe(changed=sameness.changes(before.facts, directory.facts()))
+    return expectations.unmet(findings)
 
 
 def _compare(before: "Finished", now: "Finished") -> int:
@@ -214,7 +218,9 @@ def _compare(before: "Finished", now: "Finished") -> int:
         grids.show(_table(found))
     hashes = sorted(before.data.values()) != sorted(now.data.values())
     changed = [*sameness.changes(before.facts, now.facts), *(["data files, by their SHA-256"] if hashes else [])]
-    grids.say(f"changed: {'; '.join(changed)}" if changed else "nothing has changed: estlab, packages, machine, data")
+    grids.say(
+        f"changed: {'; '.join(changed)}" if changed else "nothing has changed: estlab, packages, machine, data, plugins"
+    )
     if largest <= _EQUAL:
         return OK
     return complain(f"the figures are not those of {before.path}", FAILED)

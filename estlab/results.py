@@ -133,7 +133,8 @@ def _draw(
     scenario = settings.scenario
 
     def draw(axes: "Axes", name: str, place: int) -> None:
-        scenario.draw(axes, history_of(arrays, name, len(histories), place))
+        history = history_of(arrays, name, len(histories), place)
+        attempts.made("what the problem adds to pictures", lambda: scenario.draw(axes, history))
 
     runs, filters = settings.run_numbers, list(histories)
     pictures = plots.pictures(by_file, arrays, filters, scenario.space, title, runs, repeated, draw)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from estlab import rundir
-from estlab.archive.finished import array_names, arrays, table
+from estlab.archive.finished import array_names, arrays, plugins_of, table
 from estlab.maths.space import Array
 
 if TYPE_CHECKING:
@@ -46,15 +46,28 @@ def deviations(before: Path, now: Path) -> list[Deviation]:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What run.json says of the two that is not the same: versions, commit, machine, data. A line each."""
+    """What run.json says of the two that is not the same: versions, commit, machine, source of plugins. A line each."""
     found = [
         f"{name} {_said(old)} before, {_said(new)} now"
         for name, old, new in _provenance(before, now)
         if old != new and not (name.startswith("git") and old is None)
     ]
+    found += _changed_plugins(plugins_of(before), plugins_of(now))
     if any(_part(facts, "git").get("dirty") for facts in (before, now)):
         found.append("estlab had changes that are not committed")
     return found
+
+
+def _changed_plugins(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A line for each module of plugins whose source is not the same, for which figures may differ."""
+    for module in dict.fromkeys([*before, *now]):
+        old, new = (one[module][:12] if module in one else "" for one in (before, now))
+        if not old:
+            yield f"source of {module}: not kept before, SHA-256 {new} now, so whether it has changed is not known"
+        elif not new:
+            yield f"source of {module}: SHA-256 {old} before, not imported now; figures may differ because of it"
+        elif before[module] != now[module]:
+            yield f"source of {module}: SHA-256 {old} before, {new} now; figures may differ because of it"
 
 
 def _provenance(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
@@ -106,13 +119,19 @@ def _of_tables(file: str, words: Sequence[str], before: "DataFrame", now: "DataF
 
 
 def _of_estimates(before: Path, now: Path) -> Iterator[Deviation]:
-    """Of each array, and each component that its first axis has."""
+    """Of each array, and each component that its first axis has. Clouds that only one of both has count for nothing."""
     file = rundir.ESTIMATES
-    old_names, new_names = array_names(before, file), array_names(now, file)
-    if old_names != new_names:
-        yield Deviation(file, f"arrays {' '.join(sorted({*old_names} ^ {*new_names}))}", np.nan, np.nan, np.inf)
+    names = array_names(before, file), array_names(now, file)
+    alone = {name for name in {*names[0]} ^ {*names[1]} if "cloud" not in name.split(".")[:-1]}
+    if alone:
+        yield Deviation(file, f"arrays {' '.join(sorted(alone))}", np.nan, np.nan, np.inf)
         return
-    for name, old, new in zip(old_names, arrays(before, file), arrays(now, file), strict=True):
+    both = {*names[0]} & {*names[1]}
+    found = (
+        ((name, one) for name, one in zip(own, arrays(path, file), strict=True) if name in both)
+        for own, path in zip(names, (before, now), strict=True)
+    )
+    for (name, old), (_, new) in zip(*found, strict=True):
         if old.shape != new.shape or old.dtype.kind not in "fiub":
             if old.shape != new.shape or not np.array_equal(old, new):
                 yield Deviation(file, f"{name} {old.shape}, now {new.shape}", np.nan, np.nan, np.inf)

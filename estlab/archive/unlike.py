@@ -9,7 +9,7 @@ _NAMED = 4
 
 
 def unlike(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[str]:
-    """One line each where scenario, its keys, the truth's noise, the steps, the data, the seed or units differ."""
+    """One line each where what makes rows comparable differs: from scenario, data and seed to units."""
     found = [_line("scenario", [row.run.scenario for row in rows])]
     if len({row.run.scenario for row in rows}) == 1:
         found.append(_line("the scenario's configuration", _settings(rows, ("scenario.",))))
@@ -17,6 +17,7 @@ def unlike(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[str]:
     found.append(_line("seed", [short(row.settings.get("seed")) for row in rows]))
     found.append(_line("data files", [_hashes(row.run.data) for row in rows]))
     found.append(_line("estlab", [str(row.run.facts.get("estlab")) for row in rows]))
+    found.append(_plugins([row.run.plugins for row in rows]))
     for metric in metrics:
         units = [row.metrics[metric].unit for row in rows if metric in row.metrics]
         numbers = [i for i, row in enumerate(rows, 1) if metric in row.metrics]
@@ -30,6 +31,15 @@ def _settings(rows: Sequence[Row], prefixes: tuple[str, ...]) -> list[str]:
     said = {key: [short(row.settings.get(key, "none")) for row in rows] for key in keys}
     differing = {key: values for key, values in said.items() if len(set(values)) > 1}
     return [" ".join(f"{key}={values[i]}" for key, values in differing.items()) for i in range(len(rows))]
+
+
+def _plugins(plugins: Sequence[Mapping[str, str]]) -> str:
+    """Of the modules that several rows have, those whose source is not the same in all of them."""
+    modules = dict.fromkeys(module for one in plugins for module in one)
+    differing = [m for m in modules if len({one[m] for one in plugins if m in one}) > 1]
+    said = [", ".join(f"{m} SHA-256 {one[m][:12]}" for m in differing if m in one) or "without" for one in plugins]
+    line = _line("the source of plugins", said)
+    return f"{line}; figures may differ because of it" if line else ""
 
 
 def _hashes(data: Mapping[str, str]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from estlab.errors import UserError
 
-MOST = 512 * 2**20  # bytes of a file, and of what is unpacked from it
+MOST = 256 * 2**20  # bytes of a file, and of what is unpacked from it
 
 _KINDS = (
     (stat.S_ISDIR, "Is a directory"),
@@ -81,7 +81,7 @@ class Files:
         if kind in self.names:
             named = self._home / Path(self.names[kind]).expanduser()
             if not named.exists():
-                raise UserError(f"data.files.{kind}: {named}: no such file{self._near([named.name])}")
+                raise UserError(f"data.files.{kind}: {named}: no such file{self._near([named.name], self._present())}")
             return named
         if self._is_file and kind == next(iter(self.layout)):
             return self.folder
@@ -100,10 +100,11 @@ class Files:
     def hint(self, kind: str) -> str:
         """What lies there that is like a file of this kind, and how to take it; or nothing."""
         endings = [name.casefold() for name in self.layout[kind]]
-        starts = sorted({n[: -len(e)] for n in self._present() for e in endings if n.casefold().endswith(e)} - {""})
-        if starts and self.prefix not in starts:
+        free = self._free(kind)
+        starts = sorted({n[: -len(e)] for n in free for e in endings if n.casefold().endswith(e)} - {""})
+        if starts:
             return f"set data.prefix to one of: {', '.join(map(repr, starts))}"
-        return self._near(self._wanted(kind, shared=True), kind).removeprefix("; ")
+        return self._near(self._wanted(kind, shared=True), free, kind).removeprefix("; ")
 
     def lacks(self, kind: str) -> str:
         """What is said of a recording that does without the file of this kind."""
@@ -129,8 +130,17 @@ class Files:
         except OSError as error:
             raise UserError(f"data.path: {self._home} cannot be read ({error.strerror})") from error
 
-    def _near(self, wanted: Sequence[str], kind: str | None = None) -> str:
-        by_stem = {Path(name).stem.casefold(): name for name in self._present()}
+    def _free(self, kind: str) -> list[str]:
+        """What is there and is no other kind's: the longest ending tells whose it is."""
+        endings = sorted(
+            ((n.casefold(), k) for k, names in self.layout.items() for n in names), key=lambda e: -len(e[0])
+        )
+        owner = {n: next((k for end, k in endings if n.casefold().endswith(end)), kind) for n in self._present()}
+        return [name for name, whose in owner.items() if whose == kind]
+
+    @staticmethod
+    def _near(wanted: Sequence[str], present: Sequence[str], kind: str | None = None) -> str:
+        by_stem = {Path(name).stem.casefold(): name for name in present}
         for name in wanted:
             close = difflib.get_close_matches(Path(name).stem.casefold(), list(by_stem), n=1, cutoff=0.7)
             if close:

@@ -1,71 +1,142 @@
 """MATLAB files that hold arrays of structures, one element a time step, and plain variables."""
 
+import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from estlab.datasets.files import read_bytes
+from estlab.datasets.mat_limits import check_declared
+from estlab.datasets.promises import Column, check
 from estlab.datasets.whole import write_whole
 from estlab.errors import UserError
 from estlab.maths.space import Array
 
 
-def read_struct(path: Path, required: str, name: str | None = None) -> list[dict[str, Array]]:
-    """The elements of the struct array ``name``, or of the first one that has the field ``required``.
+@dataclass(frozen=True)
+class Frames:
+    """Values of each frame, and their times (N,) [s] if the file has them. name: of the variable in the file."""
 
-    Raises UserError, naming the file and what it does hold, where there is none.
-    """
-    wanted = f"a struct array {name or '(i)'} with a field '{required}'"
-    variables = _load(path, wanted)
-    for key, value in variables.items():
-        if name in (None, key) and _is_struct(value) and required in value.dtype.names:
-            elements = [{f: np.asarray(e[f], dtype=object) for f in value.dtype.names} for e in value.ravel()]
-            if not elements:
-                raise UserError(f"{path}: the struct array {key} is empty")
-            return [{f: _numbers(path, f"{key}({i + 1}).{f}", v) for f, v in e.items()} for i, e in enumerate(elements)]
-    raise UserError(f"{path}: expected {wanted}; the file holds {_held(variables)}")
+    name: str
+    values: list[Array]
+    time: Array | None
 
 
-def read_vectors(path: Path, name: str | None, field: str, components: Sequence[str]) -> Array:
-    """The field of every element of a struct array as one array (n, elements), each of n finite numbers."""
-    vectors = []
-    for i, element in enumerate(read_struct(path, field, name)):
-        vector = element[field]
-        if vector.size != len(components) or not np.isfinite(vector).all():
-            what = f"{name}({i + 1}).{field}" if name else f"element {i + 1} field {field}"
-            held = f"of shape {vector.shape}" if vector.size != len(components) else str(vector.ravel().tolist())
+@dataclass(frozen=True)
+class MatFile:
+    """The variables of one file."""
+
+    path: Path
+    variables: Mapping[str, Any]
+
+    def frames(self, name: str | None, field: str) -> Frames:
+        """A field of every element of the struct array of this name, else of the first one that has such a field.
+
+        Raises UserError, naming the file and what it does hold, where there is none.
+        """
+        structs = {key: value for key, value in self.variables.items() if _has(value, field)}
+        if not structs:
             raise UserError(
-                f"{path}: {what} must be {len(components)} finite numbers [{' '.join(components)}]; it is {held}"
+                f"{self.path}: expected a struct array {name or '(i)'} with a field '{field}'; "
+                f"the file holds {self._held()}"
             )
-        vectors.append(vector.ravel())
-    return np.stack(vectors, axis=1)
+        key = name if name in structs else next(iter(structs))
+        elements = structs[str(key)].ravel()
+        if not elements.size:
+            raise UserError(f"{self.path}: the struct array {key} is empty")
+        values = [self._numbers(f"{key}({i + 1}).{field}", e[field]) for i, e in enumerate(elements)]
+        return Frames(f"{key}({{}}).{field}", values, self._times(str(key), elements))
+
+    def vectors(self, name: str | None, field: str, columns: Sequence[Column]) -> tuple[Array, Array | None]:
+        """One vector a frame, all of them (n, N), and their times, if there are any: from a struct array or a matrix.
+
+        A frame whose vector is empty was not measured, and NaN.
+        """
+        size = len(columns)
+        if not any(_has(value, field) for value in self.variables.values()):
+            for key, value in self.variables.items():
+                if name in (None, key) and isinstance(value, np.ndarray) and value.ndim == 2 and size in value.shape:
+                    return self._matrix(key, value, columns), self._time_variable(max(value.shape))
+        frames = self.frames(name, field)
+        only = frames.values[0]
+        if len(frames.values) == 1 and only.ndim == 2 and only.size > size and size in only.shape:
+            return self._matrix(frames.name.format(1), only, columns), None
+        for i, vector in enumerate(frames.values):
+            if vector.size != size and not (vector.size == 0 and columns[0].missing):
+                names = " ".join(column.name for column in columns)
+                raise UserError(
+                    f"{self.path}: {frames.name.format(i + 1)} must be {size} finite numbers [{names}]; "
+                    f"it is of shape {vector.shape}"
+                )
+        lost = np.full(size, np.nan)
+        values = np.stack([vector.ravel() if vector.size else lost for vector in frames.values], axis=1)
+        check(columns, values, lambda i: f"{self.path}: {frames.name.format(i + 1)}")
+        return values, frames.time
+
+    def array(self, name: str) -> Array:
+        """The plain variable of this name, all of it finite numbers."""
+        if name not in self.variables:
+            raise UserError(f"{self.path}: expected a variable {name}; the file holds {self._held()}")
+        array = self._numbers(name, self.variables[name])
+        if not np.isfinite(array).all():
+            raise UserError(
+                f"{self.path}: {name} holds {array[~np.isfinite(array)][0]}; all its numbers must be finite"
+            )
+        return array
+
+    def _matrix(self, key: str, value: Array, columns: Sequence[Column]) -> Array:
+        values = self._numbers(key, value)
+        values = values if values.shape[0] == len(columns) else values.T
+        check(columns, values, lambda i: f"{self.path}: {key}, vector {i + 1}")
+        return values
+
+    def _times(self, key: str, elements: Array) -> Array | None:
+        """The field t [s] of each element; None without it, or where all are empty."""
+        if "t" not in (elements.dtype.names or ()):
+            return None
+        times = [self._numbers(f"{key}({i + 1}).t", e["t"]) for i, e in enumerate(elements)]
+        if not any(time.size for time in times):
+            return None
+        for i, time in enumerate(times):
+            if time.size != 1 or not np.isfinite(time).all():
+                raise UserError(f"{self.path}: element {i + 1} field t must be one finite number, its time [s]")
+        return np.array([time.item() for time in times])
+
+    def _time_variable(self, count: int) -> Array | None:
+        if "t" not in self.variables:
+            return None
+        time = self.array("t").ravel()
+        return time if time.size == count else None
+
+    def _held(self) -> str:
+        return ", ".join(f"{name} {v.dtype.names or v.shape}" for name, v in self.variables.items()) or "nothing"
+
+    def _numbers(self, what: str, value: Any) -> Array:
+        try:
+            return np.asarray(np.asarray(value, dtype=object).tolist(), dtype=float)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"{self.path}: {what} is not an array of numbers") from error
 
 
-def read_times(path: Path, beside: str, otherwise: Array) -> Array:
-    """The field t [s] of each element of the struct array with the field ``beside``, or ``otherwise`` without it."""
-    elements = read_struct(path, beside)
-    if "t" not in elements[0]:
-        return otherwise
-    for i, element in enumerate(elements):
-        if element["t"].size != 1 or not np.isfinite(element["t"]).all():
-            raise UserError(f"{path}: element {i + 1} field t must be one finite number, its time [s]")
-    time = np.array([element["t"].item() for element in elements])
-    if not (np.diff(time) > 0.0).all():
-        late = int(np.argmin(np.diff(time) > 0.0)) + 2
-        raise UserError(f"{path}: element {late} field t does not come after that of the one before; sort the elements")
-    return time
+def load(path: Path) -> MatFile:
+    """What is in a file.
 
+    Raises UserError for a file that is not MATLAB's, or declares more than it has bytes for.
+    """
+    from scipy.io import loadmat
 
-def read_array(path: Path, name: str) -> Array:
-    """The plain variable of this name, all of it finite numbers."""
-    variables = _load(path, f"a variable {name}")
-    if name not in variables:
-        raise UserError(f"{path}: expected a variable {name}; the file holds {_held(variables)}")
-    array = _numbers(path, name, variables[name])
-    if not np.isfinite(array).all():
-        raise UserError(f"{path}: {name} holds {array[~np.isfinite(array)][0]}; all its numbers must be finite")
-    return array
+    content = read_bytes(path)
+    check_declared(path, content)
+    try:
+        variables: dict[str, Any] = loadmat(io.BytesIO(content))
+    except Exception as error:  # scipy raises many kinds for a file that is not MATLAB's
+        raise UserError(
+            f"{path}: not a MATLAB file that can be read; it must be saved as version 7 or older"
+        ) from error
+    return MatFile(path, {name: value for name, value in variables.items() if not name.startswith("__")})
 
 
 def write(path: Path, variables: Mapping[str, Array | Sequence[Mapping[str, Array]]]) -> Path:
@@ -84,34 +155,5 @@ def _struct(elements: Sequence[Mapping[str, Array]]) -> Array:
     return array
 
 
-def _load(path: Path, wanted: str) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    if not path.is_file():
-        raise UserError(
-            f"{path}: no such file; data.path must be the folder that holds it, data.prefix what its name begins with"
-        )
-    try:
-        variables: dict[str, Any] = loadmat(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except Exception as error:  # scipy raises many kinds for a file that is not MATLAB's
-        raise UserError(
-            f"{path}: not a MATLAB file that can be read; expected {wanted}, saved as version 7 or older"
-        ) from error
-    return {name: value for name, value in variables.items() if not name.startswith("__")}
-
-
-def _held(variables: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value.dtype.names or value.shape}" for name, value in variables.items()) or "nothing"
-
-
-def _is_struct(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.names is not None
-
-
-def _numbers(path: Path, what: str, value: Array) -> Array:
-    try:
-        return np.asarray(value.tolist(), dtype=float)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{path}: {what} is not an array of numbers") from error
+def _has(value: Any, field: str) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.names is not None and field in value.dtype.names

@@ -10,6 +10,8 @@ from estlab.maths.space import TURN, Array, wrap
 
 _DEGREES = "more than a full turn; angles are in radians: convert degrees"
 
+_TELLING = 60  # differences from which a jitter is told
+
 
 @dataclass(frozen=True)
 class Column:
@@ -44,7 +46,7 @@ def check(columns: Sequence[Column], values: Array, place: Callable[[int], str],
                 index = int(wrong.argmax())
                 faults.append((index, f"{column.name} is {numbers[index]:g}, {why}"))
     if faults:
-        index, fault = min(faults)
+        index, fault = min(faults, key=lambda fault: fault[0])
         raise UserError(f"{place(index)}: {fault}")
 
 
@@ -90,6 +92,21 @@ def check_ascending(values: Array, place: Callable[[int], str], what: str) -> No
         raise UserError(
             f"{place(first)} [{numbers}] does not ascend, as {int((~ascends).sum())} of {ascends.size} do not; {what}"
         )
+
+
+def check_noisy_distances(values: Array, least_sd: float, place: Callable[[int], str]) -> None:
+    """Raise UserError for distances (m, N) with added noise that are further below zero than the noise explains.
+
+    Its standard deviation is at least ``least_sd``, or what the values jitter by from one frame to the next.
+    """
+    jitter = np.abs(np.diff(values, axis=1))
+    jitter = jitter[np.isfinite(jitter)]
+    sd = max(least_sd, 1.4826 * float(np.median(jitter)) / np.sqrt(2.0) if jitter.size >= _TELLING else 0.0)
+    wrong = (values < -5.0 * sd).any(axis=0)
+    if wrong.any():
+        first = int(wrong.argmax())
+        numbers = " ".join(f"{v:.4g}" for v in values[:, first])
+        raise UserError(f"{place(first)} [{numbers}] has a negative range that no noise explains; ranges are distances")
 
 
 def _unknown(column: Column, timed: bool) -> str:

@@ -3,7 +3,8 @@
 import io
 import textwrap
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -162,8 +163,14 @@ def png(figure: "Figure") -> bytes:
     canvas = FigureCanvasAgg(figure)
     options: dict[str, Any] = {"compress_level": _COMPRESSION}
     stream = io.BytesIO()
-    with warnings.catch_warnings():
-        # A name in letters that the font has not is drawn as boxes; every table has it as it is.
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+    with boxes_for_letters():
         canvas.print_png(stream, pil_kwargs=options)
     return stream.getvalue()
+
+
+@contextmanager
+def boxes_for_letters() -> Iterator[None]:
+    """A name in letters that the font has not is drawn as boxes, without a word: every table has it as it is."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        yield

@@ -52,7 +52,7 @@ def status_of(contents: Contents) -> Html:
     record = _record(contents, rundir.RUN)
     try:
         stamp = contents.record(rundir.STATUS)
-        word, error = str(stamp.get("status")), str(stamp.get("error") or "")
+        word, error = rundir.state_of(stamp), str(stamp.get("error") or "")
     except UnusableError as unusable:
         word, error = "unknown", str(unusable)
     took = as_number(str(record.get("wall_time_s")))
@@ -83,10 +83,10 @@ def provenance(contents: Contents) -> Html:
 
 def _record_table(contents: Contents) -> Html:
     record = contents.record(rundir.RUN)
-    data = record.pop("data", None)
+    data, plugins = record.pop("data", None), record.pop("plugins", None)
     if command := _command(record.get("command")):
         record["command"] = command
-    return join([parts.facts(record, "What ran, on what, and how long"), _data(data)])
+    return join([parts.facts(record, "What ran, on what, and how long"), _data(data), _plugins(plugins)])
 
 
 def _data(data: Any) -> Html:
@@ -96,6 +96,14 @@ def _data(data: Any) -> Html:
         return tag("p", "No data file was read.")
     rows = [(str(entry.get("file")), str(entry.get("sha256"))) for entry in data[:500] if isinstance(entry, dict)]
     return tag("div", table("Data files that were read", ("file", "SHA-256"), rows), class_="prose")
+
+
+def _plugins(plugins: Any) -> Html:
+    modules = [one for one in plugins[:500] if isinstance(one, dict)] if isinstance(plugins, list) else []
+    if not modules:
+        return Html()
+    rows = [tuple(str(one.get(key)) for key in ("module", "file", "sha256")) for one in modules]
+    return tag("div", table("Modules of plugins that took part", ("module", "file", "SHA-256"), rows), class_="prose")
 
 
 def _log(contents: Contents) -> Html:

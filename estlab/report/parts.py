@@ -30,7 +30,7 @@ _PLOTS = {
     "distribution": "Distribution over runs of RMSE and NEES",
     "trajectory": "Trajectory of the first run, true and estimated",
 }
-_STATES = {"ok": "good", "failed": "bad", "interrupted": "doubt", "running": "doubt", "left": "doubt"}
+_STATES = {"ok": "good", "unmet": "doubt", "failed": "bad", "interrupted": "doubt", "running": "doubt", "left": "doubt"}
 
 
 class Page(NamedTuple):
@@ -121,8 +121,10 @@ def _said(value: Any) -> str:
 def files(contents: Contents, held: Mapping[str, str]) -> Html:
     """The files of the directory with what they hold, by name."""
     rows = []
-    for name, count in contents.files(rundir.PLOTS):
+    for name, count in contents.files(rundir.PLOTS, rundir.PLUGINS):
         if name != REPORT:
             weight = Cell("") if name == _GROWING else Cell(size(count), count)
-            rows.append((link(name), held.get(name, "a picture" if name.endswith(".png") else ""), weight))
+            usual = "source of a plugin's module" if name.startswith(f"{rundir.PLUGINS}/") else ""
+            usual = "a picture" if name.endswith(".png") else usual
+            rows.append((link(name), held.get(name, usual), weight))
     return tag("div", table("Files of this directory", ("file", "what it holds", "size"), rows), class_="prose")

@@ -17,6 +17,7 @@ from estlab.rundir.layout import (
     OVERRIDES,
     PART,
     PLOTS,
+    PLUGINS,
     RUN,
     RUNS,
     STATUS,
@@ -24,7 +25,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import State, end, worker
+from estlab.rundir.status import STATES, WHOLE, State, end, state_of, worker
 
 __all__ = [
     "COMPARISON",
@@ -42,15 +43,19 @@ __all__ = [
     "OVERRIDES",
     "PART",
     "PLOTS",
+    "PLUGINS",
     "RUN",
     "RUNS",
+    "STATES",
     "STATUS",
     "TESTS",
     "VERDICTS",
+    "WHOLE",
     "RunDirectory",
     "State",
     "end",
     "hashes",
     "link_latest",
+    "state_of",
     "worker",
 ]

@@ -7,14 +7,16 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from estlab.errors import UserError
 from estlab.rundir import files, provenance, status
-from estlab.rundir.layout import LOG, RUN, STATUS
+from estlab.rundir.layout import LOG, PLUGINS, RUN, STATUS
+from estlab.rundir.sources import sources
 from estlab.warned import in_a_line
 
 
@@ -33,6 +35,7 @@ class RunDirectory:
         self._name = path.relative_to(self._root)
         self._began, self._clock = time.time(), time.monotonic()
         self._facts: dict[str, Any] = facts
+        self._kept: dict[str, dict[str, str]] = {}
         try:
             self._root.mkdir(parents=True, exist_ok=True)
             files.create(self._root, str(self._name / STATUS), status.stamp("running", self._began))
@@ -107,14 +110,27 @@ class RunDirectory:
     def describe(self, **facts: Any) -> None:
         """Add to run.json, which says all that is needed to know what ran, on what, and from which data."""
         self._facts |= facts
-        record = {
+        self.write_text(RUN, json.dumps(self.facts(), indent=2) + "\n")
+
+    def facts(self) -> dict[str, Any]:
+        """What run.json says, as of now."""
+        return {
             **provenance.origin(),
             **self._facts,
             "began": status.iso(self._began),
             "wall_time_s": round(time.monotonic() - self._clock, 3),
             "peak_memory_mb": round(provenance.peak_memory() / 2**20, 1),
         }
-        self.write_text(RUN, json.dumps(record, indent=2) + "\n")
+
+    def keep_sources(self, packages: Iterable[str]) -> None:
+        """Keep the text of each module of these packages that is imported, as text alone, and its hash in run.json."""
+        found = [one for one in sources(packages) if one.module not in self._kept]
+        for one in found:
+            if one.text is not None:
+                self.write(f"{PLUGINS}/{one.module}.txt", partial(_write, one.text))
+            self._kept[one.module] = {"module": one.module, "file": one.file, "sha256": one.sha256}
+        if found:
+            self.describe(plugins=list(self._kept.values()))
 
     def link_latest(self, root: Path) -> None:
         """Make ``latest`` in the folder of all runs point here."""
@@ -131,6 +147,10 @@ class RunDirectory:
     def _must_be_there(self) -> None:
         if not self.is_there():
             raise OSError(errno.ENOENT, "was removed or replaced while the run wrote to it", str(self.path))
+
+
+def _write(content: bytes, stream: BinaryIO) -> None:
+    stream.write(content)
 
 
 def link_latest(path: Path, root: Path) -> None:

@@ -91,8 +91,13 @@ def create(root: Path, name: str, content: bytes) -> None:
     """Write a file that must not be there yet; raises FileExistsError if it is."""
     with folder(root, PurePath(name).parent, make=True) as within:
         handle = os.open(PurePath(name).name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FILE, 0o666, dir_fd=within)
-        with open(handle, "wb") as stream:
-            stream.write(content)
+        try:
+            with open(handle, "wb") as stream:
+                stream.write(content)
+        except OSError as error:
+            with suppress(OSError):
+                os.unlink(PurePath(name).name, dir_fd=within)
+            raise OSError(error.errno, error.strerror, str(root / name)) from error
 
 
 @contextmanager

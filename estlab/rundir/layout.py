@@ -5,6 +5,7 @@ ERRORS, NEES, NIS, NOTES, METRICS = "errors.csv", "nees.csv", "nis.csv", "notes.
 TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.csv", "histograms.csv"
 COMPARISON, RUNS = "comparison.csv", "runs.csv"
 ESTIMATES, PLOTS, EXPECTATIONS, PART = "estimates.npz", "plots", "expectations.csv", "part.npz"
+PLUGINS = "plugins"  # the folder of their source
 
 # Beyond these a file is none of ours, or would fill the memory.
 CONFIG_BYTES, RECORD_BYTES, TABLE_BYTES, ARRAY_BYTES = 2**18, 2**22, 2**30, 2**33

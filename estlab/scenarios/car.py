@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from estlab.datasets import matlab
+from estlab.datasets import matlab, problem3
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.errors import UserError
 from estlab.maths.gaussian import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
@@ -43,7 +44,9 @@ _OF_MANOEUVRE = ("lidar_range_sd", "lidar_bearing_sd", "acceleration_sd", "turn_
 class Car(Scenario):
     """A manoeuvring car as a rectangle; its LIDAR frames give two bearings and a range."""
 
+    file_names = problem3.LAYOUT
     of_simulation: ClassVar = ("duration", "truth", *_OF_MANOEUVRE)
+    clocks = ("clock_faults",)
 
     dt: float
     duration: float
@@ -105,33 +108,26 @@ class Car(Scenario):
         record = self._record(time, truth, values, self._prior(streams, runs, begin), raw)
         return replace(record, origin=begin) if self._has_bound else record
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        data, states = folder / f"{prefix}problem3data.mat", folder / f"{prefix}problem3truth.mat"
-        frames = matlab.read_struct(data, "z", "lidar")
-        points = [_frame(data, i, frame["z"]) for i, frame in enumerate(frames)]
-        time = _frame_times(data, frames, self.dt)
-        known = matlab.read_struct(states, "x")
-        truth = np.stack([_state(states, i, element["x"]) for i, element in enumerate(known)], axis=1)
-        if truth.shape[1] != time.size:
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = problem3.read(Files(folder, prefix, self.file_names, options.names), self.dt, options)
+        if self.initial == "drawn" and np.isnan(recording.truth[:, 0]).any():
             raise UserError(
-                f"{states}: {truth.shape[1]} states for the {time.size} frames of {data.name}; they must be as many"
+                "scenario.initial=drawn needs the truth of the first frame, which is not known; take "
+                "scenario.initial=document, which begins at initial_mean"
             )
-        timed = "t" in frames[0] and "t" in known[0]
-        if timed and not np.allclose(_frame_times(states, known, self.dt), time, rtol=0.0, atol=1e-6):
-            raise UserError(f"{states}: its times t are not those of {data.name}; both must hold the same steps")
-        owner = np.repeat(np.arange(time.size), [p.shape[1] for p in points])
-        raw = {"points": np.concatenate(points, axis=1), "owner": owner}
-        values = lidar.measure_frames(raw["points"], owner, time.size)
-        begin = np.stack(vehicle.drive(truth[:, 0], np.empty(0), np.zeros(6), -self.dt))
+        values = lidar.measure_frames(recording.points, recording.owner, recording.time.size)
+        begin = np.stack(vehicle.drive(recording.truth[:, 0], np.empty(0), np.zeros(6), -self.dt))
         every = len(runs)
-        return self._record(
-            time,
-            np.repeat(truth[:, :, None], every, axis=2),
+        record = self._record(
+            recording.time,
+            np.repeat(recording.truth[:, :, None], every, axis=2),
             np.repeat(values[:, :, None], every, axis=2),
             self._prior(streams, runs, np.repeat(begin[:, None], every, axis=1)),
-            raw,
-            files=(data, states),
+            {"points": recording.points, "owner": recording.owner},
         )
+        return replace(record, files=recording.files, remarks=recording.remarks, repeated=True)
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         if "points" not in record.raw:
@@ -141,8 +137,8 @@ class Car(Scenario):
         frames = [{"z": points[:, a:b].T, "t": t} for a, b, t in zip(edges, edges[1:], record.time, strict=False)]
         states = [{"x": x, "t": t} for x, t in zip(record.truth[:, :, 0].T[:, :, None], record.time, strict=True)]
         return [
-            matlab.write(folder / f"{prefix}problem3data.mat", {"lidar": frames}),
-            matlab.write(folder / f"{prefix}problem3truth.mat", {"car": states}),
+            matlab.write(folder / f"{prefix}{problem3.LAYOUT['data'][0]}", {"lidar": frames}),
+            matlab.write(folder / f"{prefix}{problem3.LAYOUT['truth'][0]}", {"car": states}),
         ]
 
     def draw(self, axes: "Axes", history: History) -> None:
@@ -242,19 +238,10 @@ class Car(Scenario):
         mean[LENGTH:] = np.maximum(mean[LENGTH:], self.smallest)
         return Gaussian(mean, cov)
 
-    def _record(
-        self,
-        time: Array,
-        truth: Array,
-        values: Array,
-        prior: Gaussian,
-        raw: dict[str, Array],
-        files: tuple[Path, ...] = (),
-    ) -> Record:
+    def _record(self, time: Array, truth: Array, values: Array, prior: Gaussian, raw: dict[str, Array]) -> Record:
         readings = Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int))
         control = np.empty((0, time.size, 1))
-        begin = float(time[0]) - self.dt
-        return Record(begin, time, truth, control, readings, prior, files, raw=raw, repeated=bool(files))
+        return Record(float(time[0]) - self.dt, time, truth, control, readings, prior, raw=raw)
 
 
 def _draw_rectangles(axes: "Axes", states: Array, colour: str, label: str | None = None) -> None:
@@ -262,39 +249,3 @@ def _draw_rectangles(axes: "Axes", states: Array, colour: str, label: str | None
     closed = np.concatenate([outline, outline[:, :1]], axis=1)
     axes.plot(closed[0], closed[1], color=colour, lw=0.9)
     axes.plot([], [], color=colour, lw=0.9, label=label)
-
-
-def _frame(path: Path, index: int, points: Array) -> Array:
-    """One frame's points (2, N), empty where the LIDAR saw nothing."""
-    if points.size == 0:
-        return np.empty((2, 0))
-    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise UserError(
-            f"{path}: lidar({index + 1}).z must be finite and N x 2, range [m] and bearing [rad]; it is {points.shape}"
-        )
-    if (points[:, 0] < 0.0).any() or (np.abs(points[:, 1]) > 2.0 * np.pi).any():
-        raise UserError(
-            f"{path}: lidar({index + 1}).z has a negative range or a bearing beyond a full turn; "
-            "its columns are range [m], then bearing [rad]"
-        )
-    return points.T
-
-
-def _frame_times(path: Path, frames: list[dict[str, Array]], dt: float) -> Array:
-    if "t" not in frames[0]:
-        return dt * np.arange(len(frames))
-    if any(frame["t"].size != 1 for frame in frames):
-        raise UserError(f"{path}: every element's t must be one number, its time [s]")
-    time = np.array([frame["t"].item() for frame in frames])
-    if not (np.diff(time) > 0.0).all():
-        late = int(np.argmin(np.diff(time) > 0.0)) + 2
-        raise UserError(f"{path}: t of element {late} does not come after the one before; sort the elements")
-    return time
-
-
-def _state(path: Path, index: int, state: Array) -> Array:
-    if state.size != 6 or not np.isfinite(state).all():
-        raise UserError(
-            f"{path}: element {index + 1} field x must be six finite numbers [x y speed heading length width]"
-        )
-    return state.reshape(6)

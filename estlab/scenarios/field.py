@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from estlab.datasets import evaluation
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.rows import matrix
 from estlab.maths.space import Array, Space
@@ -34,6 +35,7 @@ _EIGHTH = np.pi / 4.0
 class Field(Scenario):
     """Bearing-only localisation among known landmarks, from a known start or from anywhere."""
 
+    file_names = evaluation.LAYOUT
     of_simulation: ClassVar = ("duration",)
 
     dt: float
@@ -136,17 +138,19 @@ class Field(Scenario):
         record = self._record(begin, command, truth, values, target)
         return record if isinstance(prior, Uniform) else replace(record, origin=begin)
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        path = folder / f"{prefix}{evaluation.NAME}"
-        found = evaluation.read(path, self._places.shape[1])
-        return self._record(
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        path = Files(folder, prefix, self.file_names, options.names).path("data")
+        found, remarks = evaluation.read(path, self._places.shape[1])
+        record = self._record(
             np.array(self.start)[:, None].repeat(len(runs), axis=1),
             found.motion.T,
             found.path.T[:, :, None].repeat(len(runs), axis=2),
             found.readings.T[:1, :, None].repeat(len(runs), axis=2),
             found.readings[:, 1].astype(int),
-            (path,),
         )
+        return replace(record, files=(path,), remarks=remarks, repeated=True)
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         truth, target = record.truth[:, :, 0], record.readings.target[:, 0]
@@ -158,7 +162,7 @@ class Field(Scenario):
             path=truth.T,
             exact_path=record.shown["commanded"].T,
         )
-        return [evaluation.write(made, folder / f"{prefix}{evaluation.NAME}")]
+        return [evaluation.write(made, folder / f"{prefix}{evaluation.LAYOUT['data'][0]}")]
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """Of a run of a single step, the matrices that its linearisation uses, row by row, as the document works them.
@@ -198,7 +202,6 @@ class Field(Scenario):
         truth: Array,
         values: Array,
         target: Array,
-        files: tuple[Path, ...] = (),
     ) -> Record:
         """One reading a step. begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs), target (T,)."""
         steps, every = target.size, begin.shape[1]
@@ -210,10 +213,8 @@ class Field(Scenario):
             command[:, :, None],
             readings,
             self._belief(every),
-            files,
             places=self._places,
             shown={"commanded": self._obeyed(begin[:, 0], command), "command": command[:, 0]},
-            repeated=bool(files),
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:

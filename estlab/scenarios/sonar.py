@@ -1,14 +1,14 @@
 """A kidnapped robot that hears how far the nearest beacons are. Seed document 000, problem IV."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from estlab.datasets import matlab
-from estlab.errors import UserError
+from estlab.datasets import matlab, problem4
+from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.maths.space import TURN, Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 
 _GOALS = 64  # places that a simulated robot heads for, one after another, then again from the first
 _ARRIVED = 1.0  # [m] from such a place
-_BOUNDS = ("minx", "maxx", "miny", "maxy")
 
 
 @dataclass(frozen=True)
 class Sonar(Scenario):
     """A robot that knows the map and the beacons but not where it is; simulated, or the document's two files."""
 
+    file_names = problem4.LAYOUT
     of_simulation: ClassVar = ("duration", "speed", "turn_rate", "bounds", "margin", "beacons")
+    clocks = ("clock_faults",)
 
     dt: float
     duration: float
@@ -100,44 +101,32 @@ class Sonar(Scenario):
         values = simulation.read(streams, runs, self.sensor(noise, beacons), truth, np.empty((0, 1)))
         return self._record(time, truth, encoder, values, beacons, np.array(self.bounds, dtype=float))
 
-    def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        data, states = folder / f"{prefix}problem4data.mat", folder / f"{prefix}problem4truth.mat"
-        encoder = matlab.read_vectors(data, "encoder", "u", ("ds", "dth"))
-        values = matlab.read_vectors(data, "sonar", "z", sonar.READING.names)
-        truth = matlab.read_vectors(states, None, "x", sonar.SPACE.names)
-        for count, what in ((values.shape[1], f"{data}: sonar"), (truth.shape[1], f"{states}: x")):
-            if count != encoder.shape[1]:
-                raise UserError(f"{what} has {count} elements, encoder has {encoder.shape[1]}; they must be as many")
-        beacons = matlab.read_array(data, "beacons")
-        if beacons.ndim != 2 or beacons.shape[0] < sonar.HEARD or beacons.shape[1] != 2:
-            raise UserError(f"{data}: beacons must be {sonar.HEARD} or more rows x y; it is {beacons.shape}")
-        bounds = np.array([_number(data, name) for name in _BOUNDS])
-        if not (bounds[0] < bounds[1] and bounds[2] < bounds[3] and np.abs(bounds).max() < 1e9):
-            raise UserError(f"{data}: minx {bounds[0]:g} must be below maxx {bounds[1]:g}, miny {bounds[2]:g} below "
-                            f"maxy {bounds[3]:g}")  # fmt: skip
-        time = matlab.read_times(states, "x", self.dt * np.arange(1, encoder.shape[1] + 1))
+    def read(
+        self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
+    ) -> Record:
+        recording = problem4.read(Files(folder, prefix, self.file_names, options.names), self.dt, options)
         every = len(runs)
-        return self._record(
-            time,
-            np.repeat(truth[:, :, None], every, axis=2),
-            encoder[:, :, None],
-            np.repeat(values[:, :, None], every, axis=2),
-            beacons.T,
-            bounds,
-            files=(data, states),
+        record = self._record(
+            recording.time,
+            np.repeat(recording.truth[:, :, None], every, axis=2),
+            recording.encoder[:, :, None],
+            np.repeat(recording.ranges[:, :, None], every, axis=2),
+            recording.beacons,
+            recording.bounds,
         )
+        return replace(record, files=recording.files, remarks=recording.remarks, repeated=True)
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
-        bounds = dict(zip(_BOUNDS, record.shown["bounds"], strict=True))
+        bounds = dict(zip(problem4.BOUNDS, record.shown["bounds"], strict=True))
         encoder = [{"u": u[:, None], "t": t} for u, t in zip(record.control[:, :, 0].T, record.time, strict=True)]
         heard = [{"z": z[:, None], "t": t} for z, t in zip(record.readings.values[:, :, 0].T, record.time, strict=True)]
         robot = [{"x": x[:, None], "t": t} for x, t in zip(record.truth[:, :, 0].T, record.time, strict=True)]
         return [
             matlab.write(
-                folder / f"{prefix}problem4data.mat",
+                folder / f"{prefix}{problem4.LAYOUT['data'][0]}",
                 {"encoder": encoder, "sonar": heard, "beacons": record.places.T, **bounds},
             ),
-            matlab.write(folder / f"{prefix}problem4truth.mat", {"robot": robot}),
+            matlab.write(folder / f"{prefix}{problem4.LAYOUT['truth'][0]}", {"robot": robot}),
         ]
 
     def draw(self, axes: "Axes", history: History) -> None:
@@ -205,7 +194,6 @@ class Sonar(Scenario):
         values: Array,
         beacons: Array,
         bounds: Array,
-        files: tuple[Path, ...] = (),
     ) -> Record:
         low, high = np.array([bounds[0], bounds[2], 0.0]), np.array([bounds[1], bounds[3], TURN])
         return Record(
@@ -215,15 +203,6 @@ class Sonar(Scenario):
             encoder,
             Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int)),
             Uniform(low, high, values.shape[2]),
-            files,
             places=beacons,
             shown={"bounds": bounds},
-            repeated=bool(files),
         )
-
-
-def _number(path: Path, name: str) -> float:
-    value = matlab.read_array(path, name)
-    if value.size != 1:
-        raise UserError(f"{path}: {name} must be one number, a bound of the map [m]; it is {value.shape}")
-    return float(value.item())

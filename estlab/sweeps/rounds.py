@@ -1,6 +1,7 @@
 """Running what is left of a sweep, by any of Hydra's launchers, until every job has ended or may not be tried again."""
 
 import contextlib
+import errno
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -121,6 +122,8 @@ class Rounds:
 
 def _told(error: Exception) -> str:
     if isinstance(error, OSError):
-        return f"{error.filename or 'the disk'}: {error.strerror or error}"
+        # Whatever writes a file says which; an engine has shared memory too.
+        unnamed = "shared memory (/dev/shm)" if error.errno == errno.ENOSPC else "the system"
+        return f"{error.filename or unnamed}: {error.strerror or error}"
     said = " ".join(str(error).split())
     return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"

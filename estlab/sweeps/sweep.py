@@ -62,6 +62,7 @@ class Sweep:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
+        notes += told.unlike_plugins(outcomes)
         told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:
@@ -70,7 +71,7 @@ class Sweep:
 
     def _run_what_is_left(self, work: Work, planned: list[Planned]) -> None:
         before = work.outcomes(planned)
-        left = [unit for unit in split.units(planned) if before[unit.name].state != "ok"]
+        left = [unit for unit in split.units(planned) if not before[unit.name].whole]
         work.claim(left)
         told.resumed(self.directory, planned, before)
         with work.unstopped(), watched(self.directory, len(before)) as expect:

@@ -12,9 +12,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from estlab import __version__
+from estlab import __version__, results
 from estlab.cli import main
 from estlab.filters.loop import Loop
+from estlab.metrics import rows
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
@@ -365,6 +366,30 @@ def test_a_bug_is_said_with_where_the_traceback_is(monkeypatch, capsys):
     )
     assert status(latest())["status"] == "failed"
     assert "Traceback" in (latest() / "log.txt").read_text()
+
+
+def test_a_statistic_that_breaks_is_a_remark_and_a_run_without_errors_has_failed(monkeypatch, capsys):
+    def broken(*_):
+        raise ZeroDivisionError("one over nothing")
+
+    words = ["run", "scenario=field", *TINY, "plots=false", "expect.efficiency.x=[0,9]"]
+    monkeypatch.setattr(results, "posterior_bound", broken)
+    assert main([*words, "expect=null", "hydra.run.dir=remark"]) == 0
+    said = "missing: Cramér-Rao bound (ZeroDivisionError: one over nothing); the traceback is in log.txt"
+    assert said in capsys.readouterr().out
+    assert status(Path("remark"))["status"] == "ok"
+    missing = {"Cramér-Rao bound": "ZeroDivisionError: one over nothing"}
+    assert json.loads(Path("remark/run.json").read_text())["missing"] == missing
+    assert "one over nothing" in Path("remark/report.html").read_text()
+    # What is expected of what is missing is not met.
+    assert main([*words, "hydra.run.dir=expected"]) == 1
+    monkeypatch.setattr(rows, "_errors", broken)
+    capsys.readouterr()
+    assert main([*words, "expect=null", "hydra.run.dir=failed"]) == 1
+    assert capsys.readouterr().err.startswith("estlab: the run is incomplete, errors of ukf is missing (ZeroDivision")
+    assert status(Path("failed"))["status"] == "failed"
+    kept = {path.name for path in Path("failed").iterdir()}
+    assert kept >= {"metrics.csv", "tests.csv", "verdicts.csv", "nees.csv", "estimates.npz", "report.html"}
 
 
 def test_a_filter_that_diverges_is_counted_and_the_run_is_ok(capsys):

@@ -29,7 +29,17 @@ def simulate(scenario: str, *more: str) -> Path:
 
 def run(scenario: str, *more: str) -> int:
     return main(
-        ["run", f"scenario={scenario}", "data=files", "data.path=made", "plots=false", "runs=1", "steps=60", *more]
+        [
+            "run",
+            f"scenario={scenario}",
+            "data=files",
+            "data.path=made",
+            "plots=false",
+            "report=false",
+            "runs=1",
+            "steps=60",
+            *more,
+        ]
     )
 
 
@@ -304,22 +314,52 @@ MAT_FAULTS = {
         "expected a struct array lidar with a field 'z'; the file holds other (3, 3)",
     ),
     "no field": (dict(lidar=structs(q=[FRAME])), None, "expected a struct array lidar with a field 'z'"),
-    "columns": (dict(lidar=structs(z=[np.ones((4, 3))])), None, "lidar(1).z must be finite and N x 2"),
+    "columns": (
+        dict(lidar=structs(z=[np.ones((4, 1))])),
+        None,
+        "lidar(1).z must be N x 2, range [m] and bearing [rad]",
+    ),
+    "degrees": (
+        dict(lidar=structs(z=[FRAME, FRAME + [0, 30]])),
+        None,
+        "lidar(2).z: bearing is 30.1, more than a full turn; angles are in radians: convert degrees",
+    ),
+    "negative range": (
+        dict(lidar=structs(z=[FRAME, -FRAME])),
+        None,
+        "lidar(2).z: range is -10, negative; the columns are range bearing, in this order",
+    ),
+    "infinite range": (dict(lidar=structs(z=[FRAME * np.inf])), None, "lidar(1).z: range is inf, not finite"),
+    "nothing seen": (
+        dict(lidar=structs(z=[np.empty((0, 2)), FRAME * np.nan])),
+        None,
+        "lidar(1).z: no point in any of 2 frames",
+    ),
     "text": (dict(lidar=structs(z=["points"])), None, "lidar(1).z is not an array of numbers"),
     "times": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.0])),
         None,
-        "t of element 2 does not come after the one before",
+        "problem3data.mat: element 2: time 0.000 goes back, as others do: 1 of 2 would be left out; sort by time",
     ),
-    "states": (
-        dict(lidar=structs(z=[FRAME, FRAME])),
-        dict(car=structs(x=[STATE])),
-        "1 states for the 2 frames of problem3data.mat",
+    "time of two": (
+        dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, [0.2, 0.3]])),
+        None,
+        "element 2 field t must be one finite number, its time [s]",
     ),
-    "nan truth": (
+    "other times": (
+        dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.2])),
+        dict(car=structs(x=[STATE, STATE], t=[3600.1, 3600.2])),
+        "problem3truth.mat: its times t are not those of problem3data.mat",
+    ),
+    "infinite truth": (
         dict(lidar=structs(z=[FRAME])),
-        dict(car=structs(x=[STATE * np.nan])),
-        "element 1 field x must be six finite numbers",
+        dict(car=structs(x=[STATE * np.inf])),
+        "problem3truth.mat: car(1).x: x is inf, not finite",
+    ),
+    "truth in degrees": (
+        dict(lidar=structs(z=[FRAME, FRAME])),
+        dict(car=structs(x=[STATE, STATE * [1, 1, 1, 60, 1, 1]])),
+        "problem3truth.mat: element 2: heading is 180, more than a full turn",
     ),
 }
 
@@ -411,8 +451,8 @@ ARCHIVE_FAULTS = {
         "not an archive of plain arrays",
     ),
     "missing array": (
-        lambda: spoil_archive("real_robot_path", lambda a: None),
-        "no array real_robot_path; the archive holds num_steps, noise_free_motion",
+        lambda: spoil_archive("real_observations", lambda a: None),
+        "no array real_observations; the archive holds noise_free_motion",
     ),
     "missing steps": (lambda: spoil_archive("num_steps", lambda a: None), "no array num_steps"),
     "steps": (lambda: spoil_archive("num_steps", lambda a: a + 0.5), "num_steps must be one whole number >= 1"),
@@ -430,11 +470,23 @@ ARCHIVE_FAULTS = {
     ),
     "nan": (
         lambda: spoil_archive("noise_free_motion", put((17, 1), np.nan)),
-        "noise_free_motion[17] is not finite; every step must be known",
+        "noise_free_motion[17]: trans is nan, not finite; it is needed at every step",
     ),
     "infinite truth": (
         lambda: spoil_archive("real_robot_path", put((3, 0), np.inf)),
-        "real_robot_path[3] is not finite",
+        "real_robot_path[3]: x is inf, not finite; write nan for what was not measured",
+    ),
+    "degrees": (
+        lambda: spoil_archive("noise_free_motion", lambda a: a * [180 / np.pi, 1, 180 / np.pi]),
+        "noise_free_motion[19]: rot1 is 45, more than a full turn; angles are in radians: convert degrees",
+    ),
+    "truth in degrees": (
+        lambda: spoil_archive("real_robot_path", lambda a: a * [1, 1, 180 / np.pi]),
+        "more than a full turn; angles are in radians: convert degrees",
+    ),
+    "no bearing": (
+        lambda: spoil_archive("real_observations", lambda a: a * [np.nan, 1]),
+        "no bearing in any of the 200 rows of real_observations",
     ),
     "landmark beyond": (
         lambda: spoil_archive("real_observations", put((9, 1), 6)),

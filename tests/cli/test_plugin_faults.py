@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from estlab.attempts import Attempts
 from estlab.cli import main
 from estlab.errors import UserError, plugin_fault, plugins_answer
 from estlab.launch import concluded
@@ -136,9 +137,11 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
     assert said(PermissionError(errno.EACCES, "denied", own)) == (
         f"{own}: denied; the run is incomplete, check its permissions"
     )
-    assert said(OSError(errno.ENOSPC, "no space")) == (
-        f"{folder}: no space; the run is incomplete, make room or set output to another disk"
+    assert said(OSError(errno.ENOSPC, "no space", own)) == (
+        f"{own}: no space; the run is incomplete, make room or set output to another disk"
     )
+    # Every file of a run is named, so this is another: shared memory, or a plugin's own.
+    assert said(OSError(errno.ENOSPC, "no space")) == f"no space; the traceback is in {log}"
     assert said(FileNotFoundError(errno.ENOENT, "not there", "a.csv")) == f"a.csv: not there; the traceback is in {log}"
     assert said(OSError("odd")) == f"odd; the traceback is in {log}"
     assert said(OSError()) == f"OSError; the traceback is in {log}"
@@ -151,3 +154,15 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
     with pytest.raises(OSError, match="no answer") as caught:
         in_rundir()
     assert said(caught.value) == f"{folder}: no answer; the run is incomplete, check its permissions"
+
+
+def test_a_picture_whose_file_a_plugin_misses_is_missing_and_the_run_goes_on(tmp_path):
+    def draw():
+        raise FileNotFoundError(errno.ENOENT, "not there", "icon.png")
+
+    attempts = Attempts(RunDirectory(tmp_path / "run"), ["tests"])
+    attempts.show("trajectory.png", draw)
+    where = f"{__name__}.{draw.__qualname__}, line {draw.__code__.co_firstlineno + 1}"
+    assert attempts.missing["trajectory.png"].startswith(f"{where}, raised FileNotFoundError: ")
+    with pytest.raises(FileNotFoundError):
+        Attempts(RunDirectory(tmp_path / "other")).show("trajectory.png", draw)

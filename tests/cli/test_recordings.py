@@ -226,7 +226,7 @@ def test_headings_that_add_up_over_many_turns_are_radians():
 # What is no file.
 
 
-@pytest.mark.parametrize(("scenario", "name"), [(s, name) for s in ("landmark", "epuck") for name in sorted(LAYOUT[s])])
+@pytest.mark.parametrize(("scenario", "name"), [(s, n) for s in LAYOUT for n in sorted(LAYOUT[s])])
 @pytest.mark.parametrize("what", ["pipe", "folder", "huge"])
 def test_what_is_no_file_of_a_sane_size_is_refused_without_waiting(scenario, name, what, capsys):
     path = simulate(scenario) / name
@@ -243,6 +243,36 @@ def test_what_is_no_file_of_a_sane_size_is_refused_without_waiting(scenario, nam
     said = {
         "pipe": "cannot be read (a pipe, not a file)",
         "folder": "cannot be read (Is a directory)",
-        "huge": "107 GB; at most 0.54 GB are read",
+        "huge": "107 GB; at most 0.27 GB are read",
     }
     assert capsys.readouterr().err == f"estlab: made/{name}: {said[what]}\n"
+
+
+# Without truth.
+
+
+def test_without_truth_a_robot_starts_where_two_landmarks_tell_it(capsys):
+    made = simulate("landmark")
+    assert run("landmark", "hydra.run.dir=out", "steps=null") == 0
+    (made / "Groundtruth.dat").unlink()
+    capsys.readouterr()
+    assert run("landmark", "hydra.run.dir=bare", "steps=null") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "nothing is scored: no Groundtruth.dat in made" in out
+    assert "data.prefix" not in out, "Landmark_Groundtruth.dat is another kind of file"
+    one, bare = estimates("out"), estimates("bare")
+    assert np.isnan(bare["truth"]).all()
+    last = np.isin(one["time"], bare["time"])
+    off = np.hypot(*(one["mean"][:2, last, 0] - bare["mean"][:2, :, 0]))
+    assert off[0] < 1.0
+    assert off[-1] < 0.01, "what the start was is forgotten"
+
+
+def test_without_truth_and_two_landmarks_the_start_is_not_known(capsys):
+    made = simulate("landmark")
+    (made / "Groundtruth.dat").unlink()
+    read = [line for line in lines("Measurement.dat") if line[0] != "#"]
+    rewrite("Measurement.dat", [line for line in read if line.split()[1] == read[0].split()[1]])
+    capsys.readouterr()
+    assert run("landmark") == 2
+    assert "are never seen within 1 s, so that without truth the start is not known" in capsys.readouterr().err

@@ -1,0 +1,82 @@
+"""Files with one element a frame: which frames are kept, and what the truth beside them is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estlab.datasets.clocks import in_order, long_steps
+from estlab.datasets.truth import on_timeline
+from estlab.errors import UserError
+from estlab.maths.space import Array
+
+_SAME = 1e-6  # [s] within which two times are one
+_BRIDGED = 1.5  # times the truth's step, over which it is interpolated
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The frames (N,) that are kept, their times [s], and whether these are the file's own."""
+
+    frames: Array
+    time: Array
+    timed: bool
+    remarks: tuple[str, ...]
+
+
+def kept(count: int, time: Array | None, otherwise: Array, place: Callable[[int], str], share: float) -> Kept:
+    """The frames in the order of their times, or all of them at the times that they have otherwise."""
+    if time is None:
+        return Kept(np.arange(count), otherwise, False, ())
+    frames, said = in_order(time, place, share)
+    return Kept(frames, time[frames], True, (*said, *long_steps(time[frames])))
+
+
+def truth_of(
+    data: Path, frames: Kept, path: Path, states: Array, time: Array | None, angles: tuple[int, ...], share: float
+) -> tuple[Array, tuple[str, ...]]:
+    """The truth (n, N) of the frames kept, from states (n, M), NaN where it is not known.
+
+    By their times where both files have them, else by number. Raises UserError if it is known at none of the times.
+    """
+    remarks: tuple[str, ...] = ()
+    if time is not None and frames.timed:
+        order, remarks = in_order(time, lambda i: f"{path}: element {i + 1}", share)
+        truth, by = _at_times(frames.time, time[order], states[:, order], angles), "time"
+        if np.isnan(truth).any(axis=0).all() and np.isfinite(states).any():
+            raise UserError(f"{path}: its times t are not those of {data.name}; both must hold the same steps")
+    else:
+        truth, by = np.full((states.shape[0], frames.time.size), np.nan), "number"
+        there = frames.frames < states.shape[1]
+        truth[:, there] = states[:, frames.frames[there]]
+    truth[:, np.isnan(truth).any(axis=0)] = np.nan
+    unknown = int(np.isnan(truth[0]).sum())
+    if unknown or states.shape[1] != frames.time.size:
+        remarks += (
+            f"{path}: {states.shape[1]} states for the {frames.time.size} frames of {data.name}, matched by {by}; "
+            f"truth is not known in {unknown} frames",
+        )
+    return truth, remarks
+
+
+def missing(where: Callable[[int], str], lost: Array, what: str) -> tuple[str, ...]:
+    """A remark about the frames (N,) that have none of something.
+
+    Raises UserError if none has.
+    """
+    if not lost.any():
+        return ()
+    if lost.all():
+        raise UserError(f"{where(0)}: no {what} in any of {lost.size} frames")
+    first = int(lost.argmax())
+    return (f"{where(first)}: no {what} in {int(lost.sum())} of {lost.size} frames, this the first",)
+
+
+def _at_times(time: Array, known: Array, states: Array, angles: tuple[int, ...]) -> Array:
+    if known.size == 1:
+        return np.where(np.abs(time - known) <= _SAME, states, np.nan)
+    nearest = np.clip(np.searchsorted(known, time), 1, known.size - 1)
+    nearest -= time - known[nearest - 1] < known[nearest] - time
+    at = np.where(np.abs(known[nearest] - time) <= _SAME, known[nearest], time)
+    return on_timeline(at, known, states, angles, _BRIDGED * float(np.median(np.diff(known))))

@@ -1,0 +1,105 @@
+"""The two MATLAB files of the kidnapped robot: what was measured, and the truth. Seed document 000, problem IV.
+
+Frames are steps: a sonar that heard nothing, or NaN, is a missing reading; no encoder reading may be missing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from estlab.datasets import frames, matlab
+from estlab.datasets.files import Files, Options
+from estlab.datasets.matlab import MatFile
+from estlab.datasets.promises import Column, check_ascending, check_headings, check_noisy_distances, check_turns
+from estlab.errors import UserError
+from estlab.maths.space import Array
+
+LAYOUT = {"data": ("problem4data.mat", "problem4dataMod.mat"), "truth": ("problem4truth.mat", "problem4truthMod.mat")}
+BOUNDS = ("minx", "maxx", "miny", "maxy")
+_MOVE = (Column("ds"), Column("dth", angle=True))
+_RANGES = tuple(Column(name, missing=True) for name in ("nearest", "second", "third"))
+_POSE = tuple(Column(name, missing=True) for name in ("x", "y", "heading"))
+_HEADING = 2
+_NOISE = 1.0  # [m] of a range, in the document
+
+
+@dataclass(frozen=True)
+class Recording:
+    """encoder: (2, N) ds [m], dth [rad]. ranges: (3, N) [m], NaN where not measured. time: (N,) [s].
+
+    truth: (3, N), NaN where not known. beacons: (2, B) [m]. bounds: minx, maxx, miny, maxy [m].
+    """
+
+    encoder: Array
+    ranges: Array
+    time: Array
+    truth: Array
+    beacons: Array
+    bounds: Array
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...]
+
+
+def read(files: Files, dt: float, options: Options) -> Recording:
+    """Read what was measured and, if there is such a file, the truth. dt: [s] between frames whose times are not told.
+
+    Raises UserError, naming file and element, where one is missing or not as the layout says.
+    """
+    path, truth_path = files.path("data"), files.find("truth")
+    data = matlab.load(path)
+    encoder, encoder_time = data.vectors("encoder", "u", _MOVE)
+    ranges, sonar_time = data.vectors("sonar", "z", _RANGES)
+    count = encoder.shape[1]
+    if ranges.shape[1] != count:
+        raise UserError(
+            f"{path}: sonar has {ranges.shape[1]} elements, encoder has {count}; they must be as many, and a sonar "
+            "reading that is missing is nan or empty"
+        )
+    beacons, bounds = _map(data)
+    truth_file = matlab.load(truth_path).vectors(None, "x", _POSE) if truth_path else None
+    place = partial(_element, path, "sonar", "z")
+    check_noisy_distances(ranges, _NOISE, place)
+    check_ascending(ranges, place, "they are the ranges to the nearest beacon, the second and the third, in this order")
+    clock: Callable[[int], str] = partial(_element, path, "encoder", "u")
+    time = encoder_time if encoder_time is not None else sonar_time
+    if time is None and truth_file and truth_file[1] is not None and truth_file[1].size == count:
+        time, clock = truth_file[1], lambda i: f"{truth_path}: element {i + 1}"
+    kept = frames.kept(count, time, dt * np.arange(1, count + 1), clock, options.clock_faults)
+    encoder, ranges = encoder[:, kept.frames], ranges[:, kept.frames]
+    lost = np.asarray(np.isnan(ranges).any(axis=0))
+    remarks = (*kept.remarks, *frames.missing(lambda i: place(int(kept.frames[i])), lost, "whole sonar reading"))
+    truth = np.full((3, kept.time.size), np.nan)
+    if truth_path is None or truth_file is None:
+        remarks += (f"nothing is scored: {files.lacks('truth')}",)
+    else:
+        poses, truth_time = truth_file
+        check_headings(poses[_HEADING], poses[0], poses[1], lambda i: f"{truth_path}: element {i + 1}")
+        truth, said = frames.truth_of(path, kept, truth_path, poses, truth_time, (_HEADING,), options.clock_faults)
+        remarks += said
+        check_turns("dth", encoder[1, 1:], np.diff(truth[_HEADING]), f"{path}: encoder(i).u")
+    read = (path, truth_path) if truth_path else (path,)
+    return Recording(encoder, ranges, kept.time, truth, beacons.T, bounds, read, remarks)
+
+
+def _element(path: Path, name: str, field: str, i: int) -> str:
+    return f"{path}: {name}({i + 1}).{field}"
+
+
+def _map(data: MatFile) -> tuple[Array, Array]:
+    """The beacons (B, 2) and the bounds (4,) of the map."""
+    beacons = data.array("beacons")
+    if beacons.ndim != 2 or beacons.shape[0] < len(_RANGES) or beacons.shape[1] != 2:
+        raise UserError(f"{data.path}: beacons must be {len(_RANGES)} or more rows x y; it is {beacons.shape}")
+    values = {name: data.array(name) for name in BOUNDS}
+    for name, value in values.items():
+        if value.size != 1:
+            raise UserError(f"{data.path}: {name} must be one number, a bound of the map [m]; it is {value.shape}")
+    low_x, high_x, low_y, high_y = bounds = np.array([value.item() for value in values.values()])
+    if not (low_x < high_x and low_y < high_y and np.abs(bounds).max() < 1e9):
+        raise UserError(
+            f"{data.path}: minx {low_x:g} must be below maxx {high_x:g}, miny {low_y:g} below maxy {high_y:g}"
+        )
+    return beacons, bounds
