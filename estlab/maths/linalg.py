@@ -113,7 +113,7 @@ def cholesky(p: Array) -> Array:
 
 
 def _by_columns(p: Array) -> Array:
-    factor = np.zeros_like(p)
+    factor = np.zeros(p.shape)
     for j in range(p.shape[0]):
         column = p[j:, j]
         for k in range(j):

@@ -202,3 +202,10 @@ def test_block_diagonal_joins_batched_and_constant():
     assert joint.shape == (4, 4, 3)
     np.testing.assert_array_equal(joint[2:, 2:, 1], np.eye(2))
     np.testing.assert_array_equal(joint[:2, 2:], 0.0)
+
+
+def test_whole_numbers_have_factors_too():
+    p = np.array([[4, 2], [2, 2]])
+    many = np.repeat(p[..., None], 3, axis=2)
+    np.testing.assert_array_equal(cholesky(many)[..., 1], cholesky(p))
+    np.testing.assert_array_equal(cholesky(p), [[2.0, 0.0], [1.0, 1.0]])
