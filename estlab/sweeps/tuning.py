@@ -78,7 +78,7 @@ class Tuning:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=int(self.config.seed)))
+        return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=jobs.whole_seed(self.config.seed) % 2**32))
 
     def _mark(self, first: Planned) -> str:
         """What decides the suggestions, but for what the trials find: another Optuna may suggest others."""
