@@ -148,6 +148,11 @@ def _of(symbol: Symbol, name: str) -> Symbol:
     return Symbol(symbol.graph, operation(symbol.graph, name, symbol.number))
 
 
+def _off_zero(length: Symbol, slope: Symbol) -> Symbol:
+    """A slope; 0 where a root is 0, as of a distance at its least, where none is right and 0 lies between all."""
+    return _either(length.graph, length == 0.0, 0.0, slope)
+
+
 def _angle(value: Symbol, y: Symbol, x: Symbol) -> tuple[Any, Any]:
     square = x * x + y * y
     return x / square, -y / square
@@ -180,14 +185,14 @@ RULES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "neg": lambda f, a: (-1.0,),
     "abs": _signed,
     "copysign": _copied,
-    "sqrt": lambda f, a: (0.5 / f,),
+    "sqrt": lambda f, a: (_off_zero(f, 0.5 / f),),
     "floor": lambda f, a: (0.0,),
     "rint": lambda f, a: (0.0,),
     "sin": lambda f, a: (_of(a, "cos"),),
     "cos": lambda f, a: (-_of(a, "sin"),),
     "tan": lambda f, a: (1.0 + f * f,),
     "arctan2": _angle,
-    "hypot": lambda f, a, b: (a / f, b / f),
+    "hypot": lambda f, a, b: (_off_zero(f, a / f), _off_zero(f, b / f)),
     "remainder": _remaining,
     "exp": lambda f, a: (f,),
     "log": lambda f, a: (1.0 / a,),

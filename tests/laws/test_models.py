@@ -104,6 +104,16 @@ def test_a_model_that_states_no_derivatives_has_exact_ones_and_differences_if_it
     np.testing.assert_allclose(without.slope(state), matrix(in_state, (3,)), atol=1e-7)
 
 
+def test_a_distance_at_its_least_has_a_slope_of_nothing_and_what_is_not_taken_none():
+    def function(x):
+        a, b = x
+        away = np.maximum(a, 0.0)
+        return np.sqrt(away * away), np.hypot(a, b), np.where(a > 0.0, np.log(a), b)
+
+    found = matrix(Exact(function, (2,), 3).jacobian((0,), np.zeros((2, 1))), (1,))
+    np.testing.assert_array_equal(found[..., 0], [[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+
+
 def _masked_drive(state, control, noise, dt):
     after = np.array(np.broadcast_arrays(*vehicle.drive(state, control, noise, dt)), dtype=float)
     after[after > 1e300] = np.inf
