@@ -19,14 +19,30 @@ class Exact:
     def __init__(self, function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> None:
         self._traced = Traced(function, sizes, size)
         self._made: dict[tuple[str, tuple[int, ...]], tuple[Any, Interpreted]] = {}
+        self._beyond: set[tuple[int, ...]] = set()
+
+    def has_jacobian(self, vectors: tuple[int, ...]) -> None:
+        """Raise UntraceableError where there is no such derivative."""
+        self._traced.jacobian(vectors)
+
+    def has_hessians(self, vectors: tuple[int, ...]) -> bool:
+        """Whether there are second derivatives: not of what has none, nor of a large state."""
+        if (kind := ("hessians", vectors)) not in self._made and vectors not in self._beyond:
+            try:
+                answer = self._traced.hessians(vectors)
+            except UntraceableError:
+                self._beyond.add(vectors)
+            else:
+                self._made[kind] = answer, Interpreted(self._traced.graph, _numbers(answer))
+        return kind in self._made
 
     def jacobian(self, vectors: tuple[int, ...], *given: Any) -> list[list[Any]]:
         """Rows of the derivatives of each value in the components of these vectors; constants are Python's numbers."""
         return self._evaluated("jacobian", vectors, given)
 
-    def hessians(self, vectors: tuple[int, ...], *given: Any) -> list[list[list[Any]]]:
-        """For each value, rows of its second derivatives in the components of these vectors."""
-        return self._evaluated("hessians", vectors, given)
+    def hessians(self, vectors: tuple[int, ...], *given: Any) -> list[list[list[Any]]] | None:
+        """For each value, rows of its second derivatives in the components of these vectors; None for a large state."""
+        return self._evaluated("hessians", vectors, given) if self.has_hessians(vectors) else None
 
     def _evaluated(self, kind: str, vectors: tuple[int, ...], given: Sequence[Any]) -> Any:
         if (kind, vectors) not in self._made:
@@ -43,12 +59,15 @@ class Exact:
         return _filled(answer, values)
 
 
-def exact(function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> Exact | None:
-    """The derivatives of a model; None if it cannot be traced."""
+def exact(function: Callable[..., Any], sizes: Sequence[int | None], size: int, *vectors: int) -> Exact | None:
+    """The derivatives of a model in these of its vectors; None if it cannot be traced, or has none."""
     try:
-        return Exact(function, sizes, size)
+        found = Exact(function, sizes, size)
+        for vector in vectors:
+            found.has_jacobian((vector,))
     except UntraceableError:
         return None
+    return found
 
 
 def _numbers(answer: Any) -> list[int]:

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled.exact import Exact, exact
-from estlab.maths.derivatives import jacobian
+from estlab.maths.derivatives import hessian, jacobian
 from estlab.maths.rows import Components, Rows, matrix, stacked
 from estlab.maths.space import Array, Space
 from estlab.maths.transforms import Function
 
 Jacobians = Callable[[Array, Array, float], tuple[Rows, Rows]]
 Slope = Callable[[Array, Array], Rows]
-Hessians = Callable[..., Sequence[Rows]]
+Hessians = Callable[..., Sequence[Rows] | None]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Motion:
             return self.step(points, control, silent, dt)
 
         jacobians, hessians = self._derivatives(control)
-        curvature = None if hessians is None else _curvature(lambda state: hessians(state, control, dt))
+        curvature = None if hessians is None else _curvature(lambda x: hessians(x, control, dt), evaluate, self.line)
         if jacobians is None:
             return Function(evaluate, self.line, None, curvature), lambda at: self.noise_jacobian(at, control, dt)
         # Both derivatives are wanted at one state, and come together.
@@ -90,12 +90,16 @@ class Motion:
         """Derivatives of ``move`` for commands of so many components."""
         if controls not in self._traces:
             n, q = self.space.size, self.noise_size
-            self._traces[controls] = exact(self.move, (n, controls, q, None), n)
+            self._traces[controls] = exact(self.move, (n, controls, q, None), n, 0, 2)
         return self._traces[controls]
 
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""
         n, slope, curvature = self.space.size, None, None
+
+        def evaluate(points: Array) -> Array:
+            return self.step(points[:n], control, points[n:], dt)
+
         jacobians, traced = self._derivatives(control)[0], self._exact(len(control))
         if jacobians is not None:
 
@@ -104,8 +108,10 @@ class Motion:
                 return [(*a, *b) for a, b in zip(in_state, in_noise, strict=True)]
 
         if traced is not None:
-            curvature = _curvature(lambda joint: traced.hessians((0, 2), joint[:n], control, joint[n:], dt))
-        return Function(lambda points: self.step(points[:n], control, points[n:], dt), self.line, slope, curvature)
+            curvature = _curvature(
+                lambda joint: traced.hessians((0, 2), joint[:n], control, joint[n:], dt), evaluate, self.line
+            )
+        return Function(evaluate, self.line, slope, curvature)
 
     def noise_jacobian(self, state: Array, control: Array, dt: float) -> Array:
         """dx/dw (n, q, *batch) at w = 0."""
@@ -146,8 +152,12 @@ class Sensor:
         """The sensor as a function of the state, without noise."""
         slope, hessians = self._derivatives
         derivative = None if slope is None else lambda state: slope(state, place)
-        curvature = None if hessians is None else _curvature(lambda state: hessians(state, place))
-        return Function(lambda points: self.read(points, place), self.space, derivative, curvature)
+
+        def evaluate(points: Array) -> Array:
+            return self.read(points, place)
+
+        curvature = None if hessians is None else _curvature(lambda x: hessians(x, place), evaluate, self.space)
+        return Function(evaluate, self.space, derivative, curvature)
 
     @cached_property
     def _derivatives(self) -> tuple[Slope | None, Hessians | None]:
@@ -155,7 +165,9 @@ class Sensor:
         slope: Slope | None = self.slope
         hessians: Hessians | None = self.hessians
         sizes = self.state.size, len(self.places)
-        if (slope is None or hessians is None) and (traced := exact(self.measure, sizes, self.space.size)) is not None:
+        if (slope is None or hessians is None) and (
+            traced := exact(self.measure, sizes, self.space.size, 0)
+        ) is not None:
             slope = slope or (lambda state, place: traced.jacobian((0,), state, place))
             hessians = hessians or (lambda state, place: traced.hessians((0,), state, place))
         return slope, hessians
@@ -194,9 +206,17 @@ class Sensor:
         return self._stacks[count]
 
 
-def _curvature(hessians: Callable[[Array], Any]) -> Callable[[Array], Array]:
-    """Second derivatives as one array (m, n, n, *batch)."""
-    return lambda state: np.stack([matrix(rows, state.shape[1:]) for rows in hessians(state)])
+def _curvature(
+    hessians: Callable[[Array], Any], evaluate: Callable[[Array], Array], space: Space
+) -> Callable[[Array], Array]:
+    """Second derivatives as one array (m, n, n, *batch), by differences where there are none."""
+
+    def curvature(state: Array) -> Array:
+        if (found := hessians(state)) is None:
+            return hessian(evaluate, state, space)
+        return np.stack([matrix(rows, state.shape[1:]) for rows in found])
+
+    return curvature
 
 
 class _Latest:
@@ -212,5 +232,7 @@ class _Latest:
 
 
 def _in_turn(function: Callable[[Array, Array], Any], state: Array, place: Array) -> Any:
-    results: list[Sequence[Any]] = [function(state, place[:, k]) for k in range(place.shape[1])]
+    results: list[Any] = [function(state, place[:, k]) for k in range(place.shape[1])]
+    if any(result is None for result in results):
+        return None
     return tuple(part for result in results for part in result)
