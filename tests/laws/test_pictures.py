@@ -194,7 +194,9 @@ def test_every_panel_has_the_scale_of_the_filter_that_holds_best(truth_known):
     alone = Made(space(2, 2), truth_known=truth_known).drawn()["errors.png"].axes
     beside = Made(space(2, 2), ekf=covariance(1.0), dead_reckoning=wide, truth_known=truth_known)
     far, near = beside.drawn()["errors.png"].axes
-    spans = [np.diff(axes.get_ylim())[0] / np.diff(held.get_ylim())[0] for axes, held in zip((far, near), alone)]
+    spans = [
+        np.diff(axes.get_ylim())[0] / np.diff(held.get_ylim())[0] for axes, held in zip((far, near), alone, strict=True)
+    ]
     assert spans[0] == pytest.approx(1.0, rel=0.05)
     assert notes(far) == "beyond the panel: dead_reckoning (±12)"
     assert 1.0 < spans[1] < 2.1
