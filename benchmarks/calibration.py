@@ -53,6 +53,7 @@ FAULTS = {
     "Q doubled": Fault(process=0.5),
     "R halved": Fault(measurement=2.0),
     "R doubled": Fault(measurement=0.5),
+    "R four times": Fault(measurement=0.25),
     "bias of half a sigma": Fault(bias=0.5),
     "correlated noise (0.5)": Fault(correlation=0.5),
     "R doubled, correlated noise (0.5)": Fault(measurement=0.5, correlation=0.5),

@@ -18,7 +18,8 @@ HELP = """\
 estlab clean [FOLDER] [--failed] [--older-than 7d] [--keep-last N] [--yes]
 
 Lists the run directories in FOLDER (runs) that may go, with size, age, status and why, and deletes them only with
---yes. Without further flags these are the runs that failed, were interrupted, or whose process is gone.
+--yes. Without further flags these are the runs that failed, were interrupted, or whose process is gone; those
+that did not find what they were expected to are whole, and stay.
 
   --failed          those, also beside another condition; all that are given must hold
   --older-than 7d   runs that ended longer ago: s, m, h, d or w
@@ -159,7 +160,7 @@ def _run(path: Path) -> Found:
         return Found(path, state, ended, False, f"it is at work{where}")
     if len(_statuses(path)) > 1:
         return Found(path, state, ended, False, "it holds other runs")
-    return Found(path, "unfinished" if state == "running" else state, ended, state != "ok")
+    return Found(path, "unfinished" if state == "running" else state, ended, state not in rundir.WHOLE)
 
 
 def _sweep(path: Path) -> Found:

@@ -124,7 +124,7 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
     rows, left_out = [], []
     for path in paths:
         try:
-            if why := finished.unfinished(path, finished.status(path)):
+            if why := finished.unfinished(finished.status(path)):
                 left_out.append(f"{path}: left out, {why}")
             else:
                 rows += rows_of(finished.read(path))

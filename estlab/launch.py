@@ -152,7 +152,7 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
         code = USAGE if isinstance(error, UserError) else FAILED
         return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
     else:
-        return _ended(directory, "failed" if unmet else "ok", unmet, FAILED if unmet else OK)
+        return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
     finally:
         # Last, since it shows the status too.
         if page and directory.is_there():

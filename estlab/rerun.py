@@ -63,13 +63,13 @@ def rerun(arguments: Sequence[str]) -> int:
     config = _config(before, wanted)
     settings, names = _settings(before, config, wanted)
     typed = finished.text(before.path, rundir.OVERRIDES)
-    if why := finished.unfinished(before.path, before.status):
+    if why := finished.unfinished(before.status):
         complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
     directory = rundir.RunDirectory(_place(wanted, before))
     origin = str(before.path.resolve())
     work = partial(_work, directory, before, origin, config, typed, settings, names, list(arguments))
     code = concluded(directory, work, settings.report)
-    if finished.unfinished(directory.path, finished.status(directory.path)):
+    if finished.unfinished(finished.status(directory.path)):
         return code
     return FAILED if why else _compare(before, finished.read(directory.path))
 

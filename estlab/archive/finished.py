@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from estlab.maths.space import Array
 
-STATES = ("running", "ok", "failed", "interrupted")
-
 _DEEPEST = 50
 
 _UNFINISHED = {
@@ -103,23 +101,20 @@ def read(path: Path) -> Finished:
 
 
 def status(path: Path) -> dict[str, Any]:
-    """What status.json says, whose status is one of STATES.
+    """What status.json says, whose status is one of rundir.STATES.
 
     Raises UserError as :func:`read`.
     """
     found = _json(path, rundir.STATUS)
-    if found.get("status") not in STATES:
+    if found.get("status") not in rundir.STATES:
         raise UserError(f"{path / rundir.STATUS}: has no status that a run writes")
-    return found
+    return found | {"status": rundir.state_of(found)}
 
 
-def unfinished(path: Path, found: Mapping[str, Any]) -> str:
-    """Why a run with this status has no whole result; nothing if it has one.
-
-    One that only did not find what it was expected to has: its expectations are the last table to be written.
-    """
+def unfinished(found: Mapping[str, Any]) -> str:
+    """Why a run with this status has no whole result; nothing if it has one, whatever it was expected to find."""
     state = str(found["status"])
-    if state == "ok" or (state == "failed" and files.is_file(path, rundir.EXPECTATIONS)):
+    if state in rundir.WHOLE:
         return ""
     if state == "running":
         return _UNFINISHED[rundir.worker(found)]

@@ -13,7 +13,7 @@ from estlab.archive.rows import Row, same, short
 from estlab.errors import UserError
 from estlab.maths.space import Array, Space
 from estlab.metrics.comparison import Comparison
-from estlab.metrics.intervals import Estimate, holm
+from estlab.metrics.intervals import Estimate, holm, judged_at, widened
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -47,7 +47,7 @@ class Pair:
 def pairs(rows: Sequence[Row], against: Row, components: Sequence[str]) -> tuple[dict[str, Pair], list[str]]:
     """Each other row by its label, against one, and what could not be read.
 
-    p-values are adjusted for the number of rows (Holm).
+    p-values are adjusted for the number of rows (Holm), intervals as each is judged.
     """
     tables, unread = {}, []
     for path, run in {row.run.path: row.run for row in rows}.items():
@@ -58,10 +58,12 @@ def pairs(rows: Sequence[Row], against: Row, components: Sequence[str]) -> tuple
     found = {row.label: _pair(row, against, components, tables) for row in rows if row is not against}
     for component in components:
         tested = [label for label, pair in found.items() if component in pair.differences]
-        adjusted = holm(np.array([found[label].differences[component].p for label in tested]))
-        for label, fair in zip(tested, adjusted, strict=True):
+        p_values = np.array([found[label].differences[component].p for label in tested])
+        for label, fair, level in zip(tested, holm(p_values), judged_at(p_values), strict=True):
             one = found[label]
-            fairer = {component: replace(one.differences[component], p_holm=float(fair))}
+            difference = one.differences[component].found
+            shown = widened(difference, level) if np.isfinite(level) else difference
+            fairer = {component: replace(one.differences[component], p_holm=float(fair), found=shown)}
             found[label] = replace(one, differences={**one.differences, **fairer})
     return found, unread
 

@@ -57,6 +57,7 @@ class SquareRootFilter(Filter):
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size
+        self.transform.check(n)
         centre = 1.0 - self.transform.weights(n).sum()
         if self.transform.weights(n).min() < 0.0 or centre + self.transform.bonus() < -1e-12:
             raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.metrics.intervals import LEVEL, Estimate, holm, mean_interval, share_interval, t_test
+from estlab.metrics.intervals import LEVEL, Estimate, holm, judged_at, mean_interval, share_interval, t_test, widened
 from estlab.metrics.moments import Moments
 from estlab.metrics.scores import has_whole, quietly
 
@@ -63,14 +63,17 @@ class Comparison:
     def rows(self, cost: Mapping[str, float]) -> list[dict[str, Any]]:
         """A line for each pair and component: the RMSE of both, their difference, who wins how often, and the cost.
 
-        cost: seconds a run and step of each filter. p-values are adjusted for the number of pairs (Holm).
+        cost: seconds a run and step of each filter. p-values are adjusted for the number of pairs (Holm), and each
+        interval is of the level at which that method judges it: it leaves out zero just where a difference is real.
         """
         rows: list[dict[str, Any]] = []
         for i, component in enumerate(self.components):
             pairs = list(self.moments)
             tests = [self._difference(pair, i) for pair in pairs]
-            adjusted = holm(np.array([p for _, p in tests]))
-            for (a, b), (difference, p), fair in zip(pairs, tests, adjusted, strict=True):
+            p_values = np.array([p for _, p in tests])
+            adjusted = zip(holm(p_values), judged_at(p_values), strict=True)
+            for (a, b), (unadjusted, p), (fair, level) in zip(pairs, tests, adjusted, strict=True):
+                difference = widened(unadjusted, level) if np.isfinite(level) else unadjusted
                 moments = self.moments[a, b].at(i)
                 n = int(moments.count)
                 roots = np.sqrt(moments.mean) if n else np.full(2, np.nan)

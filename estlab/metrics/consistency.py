@@ -32,7 +32,6 @@ from estlab.metrics.tally import Tally
 FEWEST = 5  # runs for a test over runs
 _LAWFUL = 0.95  # share of the steps at which a sampled covariance must have a law
 _SINGLE_LAGS = 20
-_NO_INNOVATIONS = "there are no innovations"
 
 # The least share of errors of any law that three of its standard deviations hold: Chebyshev's inequality.
 LEAST_INSIDE = 1.0 - 1.0 / 9.0
@@ -118,7 +117,7 @@ def _nis(tally: Tally) -> _Asked:
     moments, of = tally.moments["nis"], "expected" if tally.gated else "m"
     runs = int(moments.count)
     if runs == 0 or not _too_few(tally, runs):
-        why = "" if runs else _NO_INNOVATIONS
+        why = "" if runs else _no_innovations(tally)
         return _Asked(NIS, 1.0, positive_test(moments, 1.0), lambda level: (of, positive_interval(moments, level)), why)
     # Of all innovations, not the mean of the runs' means: a run with few of them says little.
     freedom = float(tally.sums["measured"].sum()) / (runs if tally.repeated else 1)
@@ -150,10 +149,9 @@ def _whiteness(tally: Tally) -> _Asked:
     """
     moments = tally.moments["correlation"]
     names = [f"lag {lag + 1}" for lag in range(LAGS)]
+    nothing = names[0], mean_interval(moments.component(0))
     if not tally.sums["measured"].any():
-        return _Asked(
-            WHITENESS, 0.0, np.nan, lambda level: (names[0], mean_interval(moments.component(0))), _NO_INNOVATIONS
-        )
+        return _Asked(WHITENESS, 0.0, np.nan, lambda level: nothing, _no_innovations(tally))
     if not _too_few(tally, moments.count):
         return _Asked(WHITENESS, 0.0, _any_off_zero(moments), lambda level: _furthest(moments, names, level))
     whitened = tally.first_whitened
@@ -162,7 +160,7 @@ def _whiteness(tally: Tally) -> _Asked:
         enough = not _too_few(tally, tally.runs)
         why = f"{FEWEST} runs of {4 * LAGS} readings" if enough else f"{FEWEST} runs, or {3 * _SINGLE_LAGS} readings"
         why = f"needs {why}{'' if enough else ' in one'}"
-        return _Asked(WHITENESS, 0.0, np.nan, lambda level: (names[0], mean_interval(moments.component(0))), why)
+        return _Asked(WHITENESS, 0.0, np.nan, lambda level: nothing, why)
     each, deviation = single_correlations(whitened, _SINGLE_LAGS)
     from scipy.special import ndtr, ndtri
 
@@ -246,6 +244,10 @@ def _too_few(tally: Tally, runs: int | Array) -> str:
     if tally.repeated:
         return "one recording is one run"
     return "" if int(runs) >= FEWEST else f"needs {FEWEST} runs"
+
+
+def _no_innovations(tally: Tally) -> str:
+    return "no reading passed the gate" if tally.gated else "there are no innovations"
 
 
 def _unscored(moments: Moments) -> str:

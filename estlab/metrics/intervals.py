@@ -27,6 +27,13 @@ def mean_interval(moments: Moments, level: float = LEVEL) -> Estimate:
     return Estimate(mean, mean - half, mean + half, n)
 
 
+def widened(found: Estimate, level: float) -> Estimate:
+    """A 95 % interval of :func:`mean_interval` as one of another level."""
+    factor = _t_quantile(found.n, level) / _t_quantile(found.n, LEVEL)
+    value, low, high, n = found
+    return Estimate(value, value - (value - low) * factor, value + (high - value) * factor, n)
+
+
 def positive_interval(moments: Moments, level: float = LEVEL) -> Estimate:
     """The same on the scale of logarithms, by the delta method: a mean of positive values cannot reach zero.
 

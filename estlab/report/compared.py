@@ -42,10 +42,10 @@ def differences_grid(
             if one and one.found.value == one.found.value:
                 unit = row.metrics["rmse", component].unit
                 wins = f"{100.0 * one.wins:.0f} % of {one.found.n}" if one.found.n else ""
-                cells = (figure(one.found), interval(one.found), p_value(one.p_holm), wins)
+                cells = (figure(one.found, 0.0), interval(one.found, 0.0), p_value(one.p_holm), wins)
                 lines.append([str(number), row.label, f"{component} [{unit}]", *cells])
     title = f"RMSE less that of row {against}, {rows[against - 1].label}, on the same truth and readings"
-    headings = ["", "", "component", "difference", "95 % interval", "p, Holm", "better in, of runs"]
+    headings = ["", "", "component", "difference", "interval, Holm", "p, Holm", "better in, of runs"]
     return Grid(title, headings, lines, 3) if lines else None
 
 

@@ -52,7 +52,7 @@ def status_of(contents: Contents) -> Html:
     record = _record(contents, rundir.RUN)
     try:
         stamp = contents.record(rundir.STATUS)
-        word, error = str(stamp.get("status")), str(stamp.get("error") or "")
+        word, error = rundir.state_of(stamp), str(stamp.get("error") or "")
     except UnusableError as unusable:
         word, error = "unknown", str(unusable)
     took = as_number(str(record.get("wall_time_s")))

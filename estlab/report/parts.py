@@ -30,7 +30,7 @@ _PLOTS = {
     "distribution": "Distribution over runs of RMSE and NEES",
     "trajectory": "Trajectory of the first run, true and estimated",
 }
-_STATES = {"ok": "good", "failed": "bad", "interrupted": "doubt", "running": "doubt", "left": "doubt"}
+_STATES = {"ok": "good", "unmet": "doubt", "failed": "bad", "interrupted": "doubt", "running": "doubt", "left": "doubt"}
 
 
 class Page(NamedTuple):

@@ -158,7 +158,7 @@ class _Run:
             "against",
             "component",
             "difference in RMSE",
-            "95 % interval",
+            "interval, Holm",
             "p, Holm",
             "real?",
             "better in",

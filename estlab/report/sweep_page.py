@@ -58,7 +58,7 @@ class _Sweep:
 
     def tallied(self) -> list[tuple[str, int]]:
         """How many jobs have which status, the good ones first."""
-        order = ("ok", "failed", "left")
+        order = ("ok", "unmet", "failed", "left")
         return sorted(
             Counter(self.counts.values()).items(), key=lambda pair: (*(pair[0] != word for word in order), pair)
         )
@@ -161,7 +161,7 @@ def _status(contents: Contents, job: str) -> str:
     if not contents.is_folder(job):
         return "left"
     try:
-        return str(contents.record(f"{job}/{rundir.STATUS}").get("status"))
+        return rundir.state_of(contents.record(f"{job}/{rundir.STATUS}"))
     except UnusableError:
         return "left"
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estlab import rundir
 from estlab.report.components import chosen, selection
 from estlab.report.figures import png, said, short
 
@@ -35,7 +36,7 @@ def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, st
     import pandas as pd
 
     table = pd.read_csv(path, keep_default_na=True, dtype={"filter": str})
-    table = (table[table["status"] == "ok"] if "status" in table else table).copy()
+    table = (table[table["status"].isin(rundir.WHOLE)] if "status" in table else table).copy()
     large = table.select_dtypes("number").abs() >= _LARGEST
     if large.to_numpy().any():
         table = table.mask(large.reindex(columns=table.columns, fill_value=False))

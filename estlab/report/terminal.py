@@ -179,7 +179,7 @@ def _ranking(compared: Sequence[Mapping[str, Any]]) -> Table:
     components = list(dict.fromkeys(row["component"] for row in compared))
     component = next((name for name in ("position", "all") if name in components), components[0])
     rows = against_best(compared, component)
-    heads = (f"RMSE {component}", "more than the best", "95 % interval", "better in", "real?", "time to the best's")
+    heads = (f"RMSE {component}", "more than the best", "interval, Holm", "better in", "real?", "time to the best's")
     table = _table(("", *heads))
     for row in rows:
         if "difference" not in row:

@@ -25,7 +25,7 @@ from estlab.rundir.layout import (
     VERDICTS,
 )
 from estlab.rundir.provenance import hashes
-from estlab.rundir.status import State, end, worker
+from estlab.rundir.status import STATES, WHOLE, State, end, state_of, worker
 
 __all__ = [
     "COMPARISON",
@@ -46,13 +46,16 @@ __all__ = [
     "PLUGINS",
     "RUN",
     "RUNS",
+    "STATES",
     "STATUS",
     "TESTS",
     "VERDICTS",
+    "WHOLE",
     "RunDirectory",
     "State",
     "end",
     "hashes",
     "link_latest",
+    "state_of",
     "worker",
 ]

@@ -1,16 +1,20 @@
 """How a run ended, or whose process is at work on it: status.json."""
 
 import json
+import re
 import time
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from estlab.rundir import files, process
 from estlab.rundir.layout import RECORD_BYTES, STATUS
 
-State = Literal["running", "ok", "failed", "interrupted"]
+# unmet: whole, but not what was expected to be found.
+State = Literal["running", "ok", "unmet", "failed", "interrupted"]
+STATES: tuple[State, ...] = get_args(State)
+WHOLE = ("ok", "unmet")  # with every figure
 
 # The status is padded to this size, so that "failed" fits where "running" stood even on a full disk.
 _BYTES = 2048
@@ -46,6 +50,13 @@ def end(root: Path, folder: str, message: str) -> None:
 def iso(seconds: float) -> str:
     """Local time with its offset."""
     return datetime.fromtimestamp(seconds).astimezone().isoformat()
+
+
+def state_of(status: Mapping[str, Any]) -> str:
+    """The state in a status; of a run whose expectations alone were not met, which was called failed once, unmet."""
+    state = str(status.get("status"))
+    missed = re.match(r"\d+ of \d+ expectations? not met: ", str(status.get("error")))
+    return "unmet" if state == "failed" and missed else state
 
 
 def worker(status: Mapping[str, Any]) -> process.Life:

@@ -34,7 +34,7 @@ def run_for(job: Job, limit: float) -> int:
             process.communicate(json.dumps(asdict(job)).encode(), timeout=limit)
         except subprocess.TimeoutExpired:
             _kill(process)
-            if state.outcome(sweep, name).state == "ok":
+            if state.outcome(sweep, name).whole:
                 return OK
             rundir.end(sweep, name, f"took longer than sweep.timeout={limit:g} s and was ended")
             return FAILED

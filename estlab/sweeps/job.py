@@ -89,7 +89,7 @@ def task(config: "DictConfig") -> int:
                 return OK
             state.set_aside(sweep, name)
             code = _attempt(job, limits["timeout"])
-            if code in (OK, USAGE):
+            if code in (OK, USAGE) or _is_done(job):  # it may be whole and not what was expected
                 break
         if code != OK and limits["fail_fast"]:
             state.stop(sweep)
@@ -141,7 +141,7 @@ def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
 def _is_done(job: Job) -> bool:
     """Whether another worker, given up for dead, has done it after all."""
     wanted = state.fingerprint(job.plain, job.scenario, job.filter)
-    return state.outcome(Path(job.sweep), job.name, wanted).state == "ok"
+    return state.outcome(Path(job.sweep), job.name, wanted).whole
 
 
 def _attempt(job: Job, limit: float | None) -> int:

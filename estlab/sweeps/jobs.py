@@ -39,7 +39,7 @@ def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str],
             jobs.append(job)
             continue
         overrides = [word for word in overrides if not word.startswith("seed=")]
-        seed = _seed(plain)
+        seed = whole_seed(plain["seed"])
         for seed_of_repeat in range(seed, seed + limits.repeats):
             again = [*overrides, f"seed={seed_of_repeat}"]
             named = {**values, "seed": str(seed_of_repeat)}
@@ -131,11 +131,12 @@ def _parts(plain: dict[str, Any], most: int) -> int:
         return 1  # the job itself will say what is wrong
 
 
-def _seed(plain: dict[str, Any]) -> int:
-    seed = plain["seed"]
-    if not isinstance(seed, int):
-        raise UserError(f"seed must be a whole number, got {seed!r}")
-    return seed
+def whole_seed(seed: object) -> int:
+    """The seed of a configuration. Raises UserError where it is none."""
+    whole = int(seed) if isinstance(seed, float) and seed.is_integer() else seed
+    if not isinstance(whole, int) or not 0 <= whole < 2**63:
+        raise UserError(f"seed must be a whole number from 0 to 9e18, got {seed!r}")
+    return whole
 
 
 def _bare(key: str) -> str:

@@ -68,10 +68,12 @@ class _Watch:
                 continue
             found = state.outcome(self.sweep, name)
             self.failed.discard(name)
-            if found.state == "ok":
+            if found.whole:
                 self.done += 1
                 self.new += 1
                 del self.pending[name]
+                if found.error:
+                    self._tell(name, found)
             elif found.state == "failed":  # what cannot be read may be half written yet
                 self.failed.add(name)
                 self._tell(name, found)
@@ -91,7 +93,8 @@ class _Watch:
         attempt = len(state.attempts(self.sweep, name))
         if (name, attempt) not in self.told:
             self.told.add((name, attempt))
-            self.screen.print(Text(f"estlab: job {name} failed: {found.error} ({self.sweep / name})"))
+            how = "" if found.whole else " failed"
+            self.screen.print(Text(f"estlab: job {name}{how}: {found.error} ({self.sweep / name})"))
 
     def _words(self) -> str:
         left = self.total - self.done - len(self.failed)

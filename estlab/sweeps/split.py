@@ -40,7 +40,7 @@ def outcomes(jobs: Sequence[Planned], sweep: Path) -> dict[str, Outcome]:
     for job in jobs:
         own = state.outcome(sweep, job.name, job.fingerprint)
         for part in parts_of(job):
-            done = own.state == "ok"
+            done = own.whole
             found[part.name] = Outcome("ok") if done else state.outcome(sweep, part.name, part.fingerprint)
         found[job.name] = own
     return found
@@ -60,7 +60,7 @@ def whole(job: Planned, outcomes: Mapping[str, Outcome]) -> Outcome:
 def merges(jobs: Sequence[Planned], sweep: Path) -> list[Planned]:
     """The jobs all of whose parts are ok, each told where they are."""
     found = outcomes(jobs, sweep)
-    ready = [job for job in jobs if all(found[part.name].state == "ok" for part in parts_of(job))]
+    ready = [job for job in jobs if all(found[part.name].whole for part in parts_of(job))]
     return [_merge(job, sweep) for job in ready]
 
 

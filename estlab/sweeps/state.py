@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from pathlib import Path, PurePath
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from estlab import rundir
 from estlab.archive.finished import plugins_of
@@ -31,7 +31,7 @@ _NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective"
 
 _METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # the most that is read
 
-State = Literal["left", "running", "ok", "failed", "interrupted", "damaged"]
+State = Literal["left", "running", "ok", "unmet", "failed", "interrupted", "damaged"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,11 @@ class Outcome:
     rows: list[dict[str, str]] = field(default_factory=list)
     plugins: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def whole(self) -> bool:
+        """Whether it has all its figures, be they what was expected or not."""
+        return self.state in rundir.WHOLE
+
 
 def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
     """A hash of all that decides a job's figures: its resolved configuration and the names its randomness hangs on.
@@ -77,27 +82,27 @@ def of_part(whole: str, which: int, parts: int) -> str:
 
 
 def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
-    """Read a job's directory. With a fingerprint, it is ok only if it is that job's."""
+    """Read a job's directory. With a fingerprint, it is whole only if it is that job's."""
     folder = PurePath(name)
     try:
         stamp = _record(sweep, folder / rundir.STATUS)
-        state, error, code = stamp["status"], stamp.get("error", ""), int(stamp.get("exit_code", 0))
+        state, error, code = rundir.state_of(stamp), stamp.get("error", ""), int(stamp.get("exit_code", 0))
     except (FileNotFoundError, NotADirectoryError):
         return Outcome("left")
     except files.RefusedError as refused:
         return Outcome("damaged", f"{PurePath(refused.filename).name} {refused.strerror}", 1)
     except (OSError, ValueError, KeyError, TypeError, OverflowError):
         return Outcome("damaged", f"{rundir.STATUS} cannot be read", 1)
-    if state not in ("running", "ok", "failed", "interrupted"):
+    if state not in rundir.STATES:
         return Outcome("damaged", f"{rundir.STATUS} holds an unknown status", 1)
     try:
         facts = _record(sweep, folder / rundir.RUN)
         took = float(facts["wall_time_s"]) + float(facts.get(PARTS_TOOK, 0.0))
     except (OSError, ValueError, KeyError, TypeError, OverflowError):
         facts, took = {}, None
-    if state != "ok":
-        # One that did not find what it should has its figures all the same.
-        return Outcome(state, str(error), code, took, _metrics(sweep, folder) or [])
+    if state not in rundir.WHOLE:
+        # What failed late has figures all the same.
+        return Outcome(cast(State, state), str(error), code, took, _metrics(sweep, folder) or [])
     if fingerprint is not None and facts.get("fingerprint") != fingerprint:
         return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
     if facts.get("part"):
@@ -106,7 +111,7 @@ def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
     rows = _metrics(sweep, folder)
     if rows is None:
         return Outcome("damaged", f"{rundir.METRICS} cannot be read", 1)
-    return Outcome("ok", "", 0, took, rows, plugins_of(facts))
+    return Outcome(cast(State, state), str(error), code, took, rows, plugins_of(facts))
 
 
 def _record(sweep: Path, file: PurePath) -> dict[str, Any]:

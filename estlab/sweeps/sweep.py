@@ -71,7 +71,7 @@ class Sweep:
 
     def _run_what_is_left(self, work: Work, planned: list[Planned]) -> None:
         before = work.outcomes(planned)
-        left = [unit for unit in split.units(planned) if before[unit.name].state != "ok"]
+        left = [unit for unit in split.units(planned) if not before[unit.name].whole]
         work.claim(left)
         told.resumed(self.directory, planned, before)
         with work.unstopped(), watched(self.directory, len(before)) as expect:

@@ -65,7 +65,7 @@ def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> lis
         values = {key: job.values.get(key, "") for key in swept_keys(planned)}
         # What goes on elsewhere or was cut off is not done; only this machine knows which.
         word = {"running": "left", "interrupted": "left", "damaged": "failed"}.get(found.state, found.state)
-        took = "" if found.wall_time is None or found.state != "ok" else repr(found.wall_time)
+        took = "" if found.wall_time is None or not found.whole else repr(found.wall_time)
         by_filter = dict.fromkeys(row["filter"] for row in found.rows) or {job.values.get("filter", ""): None}
         for filter in by_filter:
             rows.append(
@@ -105,7 +105,7 @@ def group_rows(rows: Sequence[Row], planned: Sequence[Planned]) -> list[Row]:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
     found = []
     for values, members in groups.items():
-        ok = [row for row in members if row["status"] == "ok"]
+        ok = [row for row in members if row["status"] in rundir.WHOLE]
         if not ok and any(other[:-1] == values[:-1] and other != values for other in groups):
             continue  # jobs that failed before they had a filter's name, beside others of their group
         cells = dict(zip(keys, values, strict=True)) | {"repeats": str(len(ok))}
@@ -124,7 +124,7 @@ def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str,
         earlier = state.attempts(sweep, job.name)
         tries = [(state.outcome(sweep, place, job.fingerprint), place) for place in earlier]
         for number, (found, place) in enumerate([*tries, (outcomes[job.name], job.name)], 1):
-            if found.state in ("failed", "damaged") or (found.state != "ok" and place in earlier):
+            if found.state in ("failed", "damaged") or (not found.whole and place in earlier):
                 error = found.error or "ended before it had a result"
                 rows.append(
                     {"job": job.name, "attempt": str(number), "status": found.state, "error": error, "directory": place}

@@ -25,9 +25,10 @@ def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     width = max(len(job.name) for job in planned)
     for job in planned:
         words = [word for word in job.overrides if word not in OF_A_SWEEP and not word.startswith("sweep.")]
-        done = "  (ok)" if outcomes[job.name].state == "ok" else ""
+        found = outcomes[job.name]
+        done = f"  ({found.state})" if found.whole else ""
         out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
-    left = sum(outcomes[job.name].state != "ok" for job in planned)
+    left = sum(not outcomes[job.name].whole for job in planned)
     parts = sum(job.parts for job in planned)
     split_up = f" in {parts} parts" if parts > len(planned) else ""
     out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}{split_up}, {left} to run")
@@ -48,12 +49,12 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
     """What a sweep that was there already has, and which jobs of it are not as they should be."""
     if all(outcome.state == "left" for outcome in before.values()):
         return
-    done = [job for job in planned if before[job.name].state == "ok"]
+    done = [job for job in planned if before[job.name].whole]
     rest = "the others run" if len(done) < len(planned) else "nothing is left to run"
     parts = [part.name for job in planned if job not in done for part in split.parts_of(job)]
-    ready = sum(before[name].state == "ok" for name in parts)
+    ready = sum(before[name].whole for name in parts)
     of_parts = f" and {ready} of {len(parts)} parts of the others" if parts else ""
-    complain(f"{sweep}: {len(done)} of {len(planned)} jobs{of_parts} are ok, {rest}")
+    complain(f"{sweep}: {len(done)} of {len(planned)} jobs{of_parts} are done, {rest}")
     damaged(before)
 
 
@@ -83,7 +84,7 @@ def summary(
     for note in notes:
         out.print(Text(f"note: {note}"), soft_wrap=True)
     counts = Counter({row["job"]: row["status"] for row in jobs}.values())
-    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "failed", "left") if counts[word]))
+    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "unmet", "failed", "left") if counts[word]))
     out.print(Text(str(sweep)), soft_wrap=True)
 
 
@@ -102,13 +103,14 @@ def unlike_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
 
 
 def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
-    """A line for each job and part that failed, as many as a person reads."""
+    """A line for each job and part that failed or found what was not expected, as many as a person reads."""
     out = console()
-    failed = [(name, found) for name, found in outcomes if found.state in ("failed", "damaged")]
+    failed = [(name, found) for name, found in outcomes if found.state in ("unmet", "failed", "damaged")]
     for name, found in failed[:_FAILURES]:
-        out.print(Text(f"failed: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
+        word = "unmet" if found.whole else "failed"
+        out.print(Text(f"{word}: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
     if len(failed) > _FAILURES:
-        out.print(f"and {len(failed) - _FAILURES} failures more in {table.FAILURES}")
+        out.print(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
 
 
 def _table(rows: Sequence[table.Row], columns: Sequence[str], units: Mapping[str, str]) -> Table:

@@ -32,13 +32,15 @@ class Trial:
     """A job and what it was worth; error: why it has no objective."""
 
     job: Planned
-    state: Literal["ok", "failed", "no objective", "left"] = "left"
+    state: Literal["ok", "unmet", "failed", "no objective", "left"] = "left"
     objective: float | None = None
     error: str = ""
 
 
 def concluded(job: Planned, found: Outcome, objective: Objective, lost: float) -> Trial:
     """A trial whose job has ended. lost: the share of runs that may break."""
+    if found.state == "unmet":
+        return Trial(job, "unmet", error=found.error)
     if found.state != "ok":
         return Trial(job, "failed" if found.state in ("failed", "damaged") else "left", error=found.error)
     try:
@@ -112,7 +114,8 @@ def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int
     for note in notes:
         out.print(Text(f"note: {note}"), soft_wrap=True)
     counts = Counter([*(trial.state for trial in trials), *["left"] * (wanted - len(trials))])
-    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "failed", "no objective", "left") if counts[word]))
+    words = ("ok", "unmet", "failed", "no objective", "left")
+    out.print(", ".join(f"{counts[word]} {word}" for word in words if counts[word]))
     if best:
         out.print(Text(f"best: {command(best[0])}"), soft_wrap=True)
         out.print(Text(str(sweep / best[0].job.name)), soft_wrap=True)

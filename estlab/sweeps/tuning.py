@@ -78,7 +78,7 @@ class Tuning:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=int(self.config.seed)))
+        return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=jobs.whole_seed(self.config.seed) % 2**32))
 
     def _mark(self, first: Planned) -> str:
         """What decides the suggestions, but for what the trials find: another Optuna may suggest others."""
@@ -129,7 +129,7 @@ class Tuning:
         before = work.outcomes(planned)
         # What failed stays so when it is resumed: the trials after it were chosen knowing that.
         open_ones = [job for job in planned if split.whole(job, before).state != "failed"]
-        left = [unit for unit in split.units(open_ones) if before[unit.name].state != "ok"]
+        left = [unit for unit in split.units(open_ones) if not before[unit.name].whole]
         work.claim(left)
         told.damaged(before)
         expect([unit.name for unit in left], len(before) - len(left))

@@ -41,6 +41,17 @@ def listed(capsys, *words: str) -> list[str]:
     return re.findall(r"^runs/(\S+)", capsys.readouterr().out, re.MULTILINE)
 
 
+def test_a_run_that_found_what_was_not_expected_is_evidence_and_stays(capsys):
+    run("new", "unmet", 9, error="1 of 3 expectations not met: diverged expected 0, found 2")
+    run("old", "failed", 9, error="1 of 1 expectation not met: diverged expected 0, found 2")  # as it was called once
+    run("broken", "failed", error="internal error")
+    assert listed(capsys, "--yes") == ["broken"]
+    assert sorted(path.name for path in Path("runs").iterdir()) == ["new", "old"]
+    run("young", "unmet")
+    assert listed(capsys, "--failed") == []
+    assert listed(capsys, "--older-than", "2d") == ["new", "old"]
+
+
 def test_without_yes_nothing_is_deleted_and_all_that_failed_is_listed_with_size_age_and_why(capsys):
     run("d/1", "ok")
     run("d/2", "failed", 2)

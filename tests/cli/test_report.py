@@ -104,10 +104,10 @@ def test_figures_have_the_digits_of_the_terminal(capsys):
         assert row[2][0] in line
 
 
-def test_a_failed_run_says_why_on_its_page():
+def test_a_run_that_found_what_was_not_expected_says_so_on_its_page():
     assert main(["run", "expect.rmse.x.max=0", "plots=false", *TINY, "hydra.run.dir=out", "output=."]) == 1
     shown = read("out")
-    assert "failed" in shown.texts["span"]
+    assert "unmet" in shown.texts["span"]
     assert any("1 of 1 expectation not met: rmse.x expected at most 0" in text for text in shown.texts["p"])
     assert any("✗ not met" in cell for row in shown.tables["What the run was expected to find"] for cell, _ in row)
     assert any("plots=true draws them" in text for text in shown.texts["p"])

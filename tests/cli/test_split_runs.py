@@ -109,7 +109,7 @@ def test_a_failed_part_fails_its_job_alone_and_a_resumed_sweep_runs_that_part_al
     before = {part: Path("swept", part, "status.json").read_bytes() for part in parts()}
     failing()
     assert split_sweep("sweep.retries=1") == 0
-    assert "1 of 2 jobs and 2 of 3 parts of the others are ok, the others run" in capsys.readouterr().err
+    assert "1 of 2 jobs and 2 of 3 parts of the others are done, the others run" in capsys.readouterr().err
     assert [part for part, was in before.items() if Path("swept", part, "status.json").read_bytes() != was] == [failed]
     assert_same_figures(whole / "0_field_ekf", Path("swept/0_field_ekf"))
     assert table() == table(str(whole))
@@ -162,7 +162,7 @@ def test_what_parts_a_sweep_has_is_no_part_of_what_it_finds(whole, capsys):
     shutil.rmtree("swept/parts")
     capsys.readouterr()
     assert split_sweep() == 0
-    assert "2 of 2 jobs are ok, nothing is left to run" in capsys.readouterr().err
+    assert "2 of 2 jobs are done, nothing is left to run" in capsys.readouterr().err
     shutil.rmtree("swept/0_field_ekf")
     assert split_sweep("sweep.split_runs=2") == 0
     assert parts() == [f"parts/0_field_ekf/{i}-of-2" for i in range(2)]

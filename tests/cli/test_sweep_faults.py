@@ -51,7 +51,7 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     assert table("killed") == table("undisturbed")
     for folder, was in done.items():
         assert (Path("killed") / folder / "run.json").read_bytes() == was, "what was ok did not run again"
-    assert f"{len(done)} of 6 jobs are ok, the others run" in capsys.readouterr().err or not done
+    assert f"{len(done)} of 6 jobs are done, the others run" in capsys.readouterr().err or not done
 
 
 def marks_of(pid: int) -> dict:
@@ -118,7 +118,7 @@ def test_a_spoilt_job_is_told_kept_and_run_again(fault, undisturbed, capsys):
     assert main(["sweep", "--resume", "swept"]) == 0
     assert table() == table(str(undisturbed))
     err = capsys.readouterr().err
-    assert "1 of 2 jobs are ok, the others run" in err
+    assert "1 of 2 jobs are done, the others run" in err
     assert message in err
     assert "failed" not in err
     assert Path("swept/attempts/1_landmark_ekf.1").exists() == (fault != "gone")

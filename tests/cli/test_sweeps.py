@@ -182,12 +182,25 @@ def test_no_job_ok_is_1_and_no_job_that_could_start_is_2(failing):
     assert "filter.noise must be one of" in rows("wrong/failures.csv")[0]["error"]
 
 
-def test_a_job_that_does_not_find_what_is_expected_failed_and_has_its_figures():
-    assert sweep("filter=ekf", "seed=1,2", "expect.rmse.x.max=1e-9") == 1
+def test_a_job_that_does_not_find_what_is_expected_is_unmet_and_whole(capsys):
+    words = ["filter=ekf", "sweep.repeats=2", "sweep.retries=2", "expect.rmse.x.max=1e-9"]
+    assert sweep(*words) == 1
+    out, err = capsys.readouterr()
+    assert "2 unmet" in out and "failed" not in out + err
+    assert out.count("unmet: ") == err.count("expected at most 1e-09") == 2
     found = table()
-    assert [row["status"] for row in found] == ["failed", "failed"]
+    assert [row["status"] for row in found] == ["unmet", "unmet"]
     assert all(float(row["rmse.x"]) > 1e-9 for row in found)
-    assert "expected at most 1e-09" in rows("swept/failures.csv")[1]["error"]
+    assert rows("swept/failures.csv") == []
+    (group,) = rows("swept/groups.csv")
+    assert group["repeats"] == "2"
+    # It would find the same again, whatever its status was called when it was made.
+    for job in Path("swept").glob("*_ekf"):
+        stamp = (job / "status.json").read_text()
+        (job / "status.json").write_text(stamp.replace('"unmet"', '"failed"'))
+    assert sweep(*words) == 1
+    assert "2 of 2 jobs are done, nothing is left to run" in capsys.readouterr().err
+    assert table() == found
 
 
 def test_a_verdict_is_a_word_in_a_column_of_its_own():

@@ -74,7 +74,7 @@ def test_a_run_that_does_not_has_exit_code_1_all_its_files_and_says_what_was_fou
     err = capsys.readouterr().err
     assert err.startswith("estlab: 1 of 2 expectations not met: rmse.position expected 90 to 91, found ")
     assert err.count("\n") == 1
-    assert status()["status"] == "failed"
+    assert status()["status"] == "unmet"
     assert status()["error"] == err.removeprefix("estlab: ").rstrip()
     assert {"metrics.csv", "estimates.npz", "expectations.csv"} <= {path.name for path in latest().iterdir()}
 
@@ -153,7 +153,7 @@ def test_verify_runs_each_experiment_and_one_that_fails_stops_no_other(mine, cap
     ]  # fmt: skip
     folder = Path(out.split()[-1])
     assert {path.name for path in folder.iterdir()} == {"meets", "misses", "breaks"}
-    assert json.loads((folder / "misses" / "status.json").read_text())["status"] == "failed"
+    assert json.loads((folder / "misses" / "status.json").read_text())["status"] == "unmet"
     assert not list(folder.rglob("plots")) and not list(folder.rglob("report.html"))
     command = json.loads((folder / "meets" / "run.json").read_text())["command"]
     assert command == ["estlab", "run", "--config-dir", "mine", "+experiment=meets", "plots=false", "report=false"]

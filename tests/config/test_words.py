@@ -1,5 +1,7 @@
 """What is typed reaches Hydra as it was meant: paths with any signs, values of any size, misspelt names."""
 
+import copy
+import math
 import os
 from pathlib import Path
 
@@ -12,11 +14,16 @@ from omegaconf import OmegaConf
 
 from estlab import composition, yaml_bounds
 from estlab.arguments import prepared
+from estlab.config import build
+from estlab.ensemble import Names
 from estlab.errors import UserError
+from estlab.experiment import check
 from estlab.path_arguments import PATHS, as_typed, quoted_path
 from estlab.paths import conf_folder
 from estlab.quoting import elements, literal, quoted, unquoted
 from estlab.sweeps.plan import MOST, combinations
+from tests.conftest import composed as plain
+from tests.conftest import options
 
 SIGNS = st.lists(st.sampled_from(["${", *"ab \\'\",=:#$%{}[]()~\t\n.*é日/"]), max_size=12).map("".join)
 STRANGE = [
@@ -181,3 +188,34 @@ def test_a_folder_in_a_path_of_ours_is_never_an_interpolation(tmp_path):
     place = tmp_path / "a${seed}b"
     config = composed(f"hydra.sweep.dir={quoted(literal(os.fspath(place)))}")
     assert config.hydra.sweep.dir == str(place)
+
+
+def numbers(node, path=()):
+    """Each key that is a number, or numbers, by its path, and how many it has."""
+    for key, value in node.items():
+        if isinstance(value, dict):
+            yield from numbers(value, (*path, key))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield (*path, key), 0
+        elif isinstance(value, list) and value and all(isinstance(one, int | float) for one in value):
+            yield (*path, key), len(value)
+
+
+PAIRS = [*((name, "ukf") for name in options("scenario")), *(("landmark", name) for name in options("filter"))]
+
+
+@pytest.mark.parametrize(("scenario", "name"), PAIRS)
+def test_no_number_of_any_key_is_more_than_a_line(scenario, name):
+    """Huge, negative, tiny, a part of one, not finite: taken, or refused with the key."""
+    config = plain(f"scenario={scenario}", f"filter={name}")
+    for path, count in numbers(config):
+        for value in (1e30, -1e30, -1, 0, 0.5, math.nan, math.inf, 1e-300, 10**30, -(10**400)):
+            changed = copy.deepcopy(config)
+            node = changed
+            for key in path[:-1]:
+                node = node[key]
+            node[path[-1]] = [value] * count if count else value
+            try:
+                check(build(changed), Names(scenario, name, ()))
+            except UserError as error:
+                assert "\n" not in str(error)

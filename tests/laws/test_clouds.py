@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estlab import rundir
+from estlab.archive.sameness import _of_estimates
 from estlab.ensemble import Names, estimated, histories_of, loop_of, record_of, workers
 from estlab.filters.loop import cloud_steps
 from estlab.maths import cloud
@@ -86,3 +88,13 @@ def test_a_filter_without_particles_has_no_cloud():
         first = record_of(chosen, names, range(2))
         arrays = histories_of(estimated(chosen, names, first, crew, lambda total: lambda steps: None), 0)
     assert not any(key.startswith("cloud") for key in arrays)
+
+
+def test_a_run_of_before_there_were_clouds_is_compared_by_what_both_have(tmp_path):
+    arrays = {"mean": np.ones((2, 3)), "pf.cloud.points": np.zeros((2, 6)), "time": np.arange(3.0)}
+    older = {name: array for name, array in arrays.items() if "cloud" not in name}
+    for name, held in (("now", arrays), ("before", older), ("other", older | {"time": np.arange(3.0) + 1.0})):
+        (tmp_path / name).mkdir()
+        np.savez(tmp_path / name / rundir.ESTIMATES, **held)
+    assert list(_of_estimates(tmp_path / "before", tmp_path / "now")) == []
+    assert {off.what for off in _of_estimates(tmp_path / "other", tmp_path / "now")} == {"time"}

@@ -29,6 +29,16 @@ def test_a_filter_wins_the_runs_in_which_its_error_is_the_smaller_and_half_of_th
     assert (turned["filter"], turned["wins"]) == ("b", pytest.approx(1.5 / 4))
 
 
+def test_a_difference_is_real_just_where_its_interval_leaves_out_zero():
+    random, real = np.random.default_rng(2), []
+    for _ in range(60):
+        squares = {name: random.gamma(2.0, 1.0 + 0.2 * i, 12) for i, name in enumerate("abcd")}
+        for row in compared(**squares):
+            assert row["real"] == (not row["ci_low"] <= 0.0 <= row["ci_high"])
+            real.append(row["real"])
+    assert 0 < sum(real) < len(real)
+
+
 def test_a_run_that_broke_is_lost_to_the_filter_that_went_on():
     (row,) = compared(a=[1.0, 1.0, 1.0, np.nan], b=[np.inf, np.inf, 1.0, 1.0])
     assert row["wins"] == pytest.approx(2.5 / 3)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estlab.filters.gaussian import GaussianFilter, dead_reckoning, extended, unscented
+from estlab.filters.square_root import square_root_unscented
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.resampling import Weights
 from estlab.maths.sigma_points import Scaled
@@ -118,6 +119,17 @@ def test_a_sigma_point_set_that_cannot_be_placed_is_refused():
         GaussianFilter(Scaled(1.0, 2.0, -3.0), "additive", None).check(linear.MOTION, linear.SENSOR)
     with pytest.raises(ValueError, match="alpha must be > 0"):
         Scaled(0.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize("points", ["merwe", "julier"])
+@pytest.mark.parametrize("noise", ["additive", "augmented"])
+def test_points_so_near_that_rounding_is_all_they_show_are_refused(points, noise):
+    near = unscented(points, 1e-7, 2.0, 1e-13 - 3.0 if points == "julier" else 0.0, noise, None)
+    with pytest.raises(ValueError, match=r"(alpha|kappa) puts the points .* standard deviations from the mean"):
+        near.check(linear.MOTION, linear.SENSOR)
+    root = square_root_unscented(1e-7, 1e8, 0.0, None)
+    with pytest.raises(ValueError, match="alpha puts the points"):
+        root.check(linear.MOTION, linear.SENSOR)
 
 
 def test_extended_with_augmented_noise_is_extended():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estlab.maths.gaussian import Gaussian
-from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Simplex
+from estlab.maths.sigma_points import _NEAREST2, Cubature, GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Space
 from estlab.maths.transforms import Function, Linearised, SecondOrder
 
@@ -46,6 +46,38 @@ def test_a_set_of_points_has_the_mean_and_covariance_it_stands_for(points, n):
     offsets, weights = points.offsets(factor), points.weights(n)
     np.testing.assert_allclose(offsets @ weights, 0.0, atol=1e-12)
     np.testing.assert_allclose((weights * offsets) @ offsets.T, factor @ factor.T, atol=1e-10)
+
+
+@pytest.mark.parametrize("n", [1, 3, 9])
+def test_the_nearest_points_that_are_taken_lose_a_twentieth_of_a_sigma_a_thousand_from_zero(n):
+    size = np.random.default_rng(n).uniform(500.0, 1000.0, (n, 400))
+    # The identity, by way of numbers that are rounded as a model's are.
+    same = Function(lambda x: np.tan(np.arctan(x / 700.0)) * 700.0, Space(("x",) * n, ("m",) * n))
+
+    def lost(spread: float) -> float:
+        """In sigmas, of the mean."""
+        mean, _, _ = Julier(spread**2 - n)(same, Gaussian(size, np.eye(n)[..., None] * np.ones(400)))
+        return float(np.sqrt(np.mean((mean - size) ** 2)))
+
+    least = np.sqrt(_NEAREST2)
+    # As the inverse square of the distance, since the second differences of the points make the mean.
+    assert lost(least) < 0.1 < lost(least / 5.0)
+    assert 30.0 < lost(least) / lost(10.0 * least) < 300.0
+    Julier(1.01 * least**2 - n).check(n)
+    with pytest.raises(ValueError, match=f"kappa puts the points .* from the mean of {n} dimensions, where rounding"):
+        Julier(0.9 * least**2 - n).check(n)
+    with pytest.raises(ValueError, match="alpha puts the points"):
+        Scaled(0.9 * least / np.sqrt(n), 2.0, 0.0).check(n)
+    Scaled(1.1 * least / np.sqrt(n), 2.0, 0.0).check(n)
+
+
+def test_the_highest_order_of_a_rule_has_all_its_digits():
+    bent = Function(lambda v: v**4, Space(("x",), ("m",)))
+    mean, _, _ = GaussHermite(300)(bent, Gaussian(np.array([0.0]), np.array([[2.0]])))
+    np.testing.assert_allclose(mean, 12.0, rtol=1e-12)
+    for order in (1, 301):
+        with pytest.raises(ValueError, match=f"order must be from 2 to 300, got {order}"):
+            GaussHermite(order)
 
 
 def test_gauss_hermite_moments_of_polynomials_are_exact():
