@@ -24,6 +24,7 @@ _RANGES = tuple(Column(name, missing=True) for name in ("nearest", "second", "th
 _POSE = tuple(Column(name, missing=True) for name in ("x", "y", "heading"))
 _HEADING = 2
 _NOISE = 1.0  # [m] of a range, in the document
+_SAME_TIME = 1e-6  # [s]
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,17 @@ def read(files: Files, dt: float, options: Options) -> Recording:
     check_ascending(ranges, place, "they are the ranges to the nearest beacon, the second and the third, in this order")
     clock: Callable[[int], str] = partial(_element, path, "encoder", "u")
     time = encoder_time if encoder_time is not None else sonar_time
+    apart = _apart(path, encoder_time, sonar_time)
     if time is None and truth_file and truth_file[1] is not None and truth_file[1].size == count:
         time, clock = truth_file[1], lambda i: f"{truth_path}: element {i + 1}"
     kept = frames.kept(count, time, dt * np.arange(1, count + 1), clock, options.clock_faults)
     encoder, ranges = encoder[:, kept.frames], ranges[:, kept.frames]
     lost = np.asarray(np.isnan(ranges).any(axis=0))
-    remarks = (*kept.remarks, *frames.missing(lambda i: place(int(kept.frames[i])), lost, "whole sonar reading"))
+    remarks = (
+        *kept.remarks,
+        *apart,
+        *frames.missing(lambda i: place(int(kept.frames[i])), lost, "whole sonar reading"),
+    )
     truth = np.full((3, kept.time.size), np.nan)
     if truth_path is None or truth_file is None:
         remarks += (f"nothing is scored: {files.lacks('truth')}",)
@@ -82,6 +88,19 @@ def read(files: Files, dt: float, options: Options) -> Recording:
         check_turns("dth", encoder[1, 1:], np.diff(truth[_HEADING]), f"{path}: encoder(i).u")
     read = (path, truth_path) if truth_path else (path,)
     return Recording(encoder, ranges, kept.time, truth, beacons.T, bounds, read, remarks)
+
+
+def _apart(path: Path, encoder: Array | None, sonar: Array | None) -> tuple[str, ...]:
+    """A remark where encoder and sonar have other times in the same element.
+
+    Raises UserError if they have no time in common.
+    """
+    if encoder is None or sonar is None or np.abs(encoder - sonar).max() <= _SAME_TIME:
+        return ()
+    far = f"{path}: sonar(i).t is up to {np.abs(encoder - sonar).max():.4g} s from encoder(i).t"
+    if sonar.min() > encoder.max() or encoder.min() > sonar.max():
+        raise UserError(f"{far}; they have no time in common, so do their clocks agree?")
+    return (f"{far}; each is taken at the encoder's time, so do their clocks agree?",)
 
 
 def _element(path: Path, name: str, field: str, i: int) -> str:

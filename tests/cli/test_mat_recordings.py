@@ -160,6 +160,20 @@ def test_frames_whose_times_repeat_or_step_back_are_left_out(scenario, capsys):
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize(("seconds", "code"), [(0.5, 0), (-0.5, 0), (3600.0, 2), (-1.3e9, 2)])
+def test_a_sonar_with_another_clock_than_the_encoder_is_said_or_refused(seconds, code, capsys):
+    simulate("sonar")
+    data = loaded("problem4data.mat")
+    for heard in data["sonar"].ravel():
+        heard["t"] = heard["t"] + seconds
+    save("problem4data.mat", **data)
+    capsys.readouterr()
+    assert go("sonar", "out") == code
+    said = capsys.readouterr()
+    assert f"sonar(i).t is up to {abs(seconds):.4g} s from encoder(i).t" in " ".join((said.out + said.err).split())
+    assert "do their clocks agree?" in " ".join((said.out + said.err).split())
+
+
 def test_a_second_name_and_any_name_are_taken(capsys):
     made = simulate("car")
     (made / "problem3data.mat").rename(made / "Problem3DataMod.MAT")
