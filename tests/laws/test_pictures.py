@@ -204,6 +204,14 @@ def test_an_ellipse_larger_than_the_picture_is_left_out_and_counted():
     assert "3 sigma of the position (1 too large to draw)" in axes.get_legend_handles_labels()[1]
 
 
+def test_a_filter_that_is_lost_beside_a_sound_one_sets_no_scale():
+    """Neither its path nor its ellipses, which may be small and far away."""
+    for position in (1, 2):
+        made = Made(space(2, position), ekf=lambda mean, cov: None, pf=from_step(4, 7e5))
+        (axes,) = made.drawn()["trajectory.png"].axes
+        assert np.abs([*axes.get_xlim(), *axes.get_ylim()]).max() < 1000.0
+
+
 def test_without_truth_estimates_are_drawn_and_no_panel_is_empty():
     made = Made(space(2, 2), truth_known=False)
     drawn = made.drawn()
