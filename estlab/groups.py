@@ -1,6 +1,6 @@
 """Groups of keys that no class of the laboratory's own has: noise, data, sweep."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from estlab.datasets.files import Options
@@ -22,10 +22,9 @@ class Data:
     source: Literal["simulated", "files"]
     path: str | None
     prefix: str
-    # Run directories of earlier versions have none of these.
-    files: dict[str, str] = field(default_factory=dict)
-    clock_faults: float = Options.clock_faults
-    clock_gap: float = Options.clock_gap
+    files: dict[str, str]
+    clock_faults: float
+    clock_gap: float
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.clock_faults <= 1.0:
