@@ -16,6 +16,7 @@ FIGURES = {
         "passing": "car_passing",
     },
     "scenario=landmark filter=ukf": {"trajectory": "landmark_trajectory"},
+    "+experiment=landmark_commands": {"trajectory": "landmark_commands"},
     "+experiment=radar_i": {"transform": "radar_i"},
     "+experiment=radar_ii": {"transform": "radar_ii"},
     "+experiment=radar_parameters": {"transform": "radar_parameters"},

@@ -87,9 +87,9 @@ def _unread(plain: "dict[str, Any]") -> dict[str, str]:
         return {}
     scenario, source = settings.scenario, settings.data.source
     unread = {f"scenario.{key}": reader for key, reader in scenario.unread(source).items()}
-    if source == "simulated" or not scenario.timed:
-        reader = "data=files" if scenario.timed else "recordings that carry times"
-        unread |= dict.fromkeys(("data.clock_faults", "data.clock_gap"), reader)
+    for key in ("clock_faults", "clock_gap"):
+        if source == "simulated" or key not in scenario.clocks:
+            unread[f"data.{key}"] = "data=files" if key in scenario.clocks else "other files, that carry times"
     return unread
 
 

@@ -1,16 +1,18 @@
 """What Hydra composes, held to what a run may have, before Hydra makes anything of it."""
 
 import inspect
+import pickle
 import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import hydra._internal.core_plugins.file_config_source as hydras_files
 import hydra._internal.hydra as hydras_own
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra._internal.core_plugins import file_config_source
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict, read_write
@@ -37,17 +39,27 @@ def install() -> None:
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
 
 
-class FileConfigSource(file_config_source.FileConfigSource):
-    """A folder of configuration whose files are looked at before they are read.
+class FileConfigSource(hydras_files.FileConfigSource):
+    """A folder of configuration whose files are looked at before they are read, and read once for each content.
 
-    It has the name of Hydra's own, whose registry takes a second class of a name for the first.
+    Hydra composes twice for a run, and again for each job of a sweep. This has the name of Hydra's own class, whose
+    registry takes a second class of a name for the first.
     """
 
     def load_config(self, config_path: str) -> ConfigResult:
         path = Path(self.path) / self._normalize_file_name(config_path)
-        if path.is_file():
-            yaml_bounds.check(path)
-        return super().load_config(config_path)
+        if not path.is_file():
+            return super().load_config(config_path)
+        content = yaml_bounds.checked(path)
+        # A copy for each, since Hydra changes what it is given.
+        found: ConfigResult = pickle.loads(_read(self.provider, self.path, config_path, content))
+        return found
+
+
+@lru_cache(maxsize=256)
+def _read(provider: str, folder: str, config_path: str, content: bytes) -> bytes:
+    """What Hydra reads of a file with this content, as a pickle."""
+    return pickle.dumps(hydras_files.FileConfigSource(provider, f"file://{folder}").load_config(config_path))
 
 
 class CheckedLoader(ConfigLoaderImpl):

@@ -40,6 +40,7 @@ class Settings:
     part: list[int] | None
     parts: list[str]
     steps: int | None
+    dropped: float
     seed: int
     keep_runs: int
     block_runs: int | None
@@ -52,11 +53,9 @@ class Settings:
     output: str
     plugins: list[str]
     expect: Any  # a nested mapping of names, which estlab.expectations knows how to read, or nothing
+    expect_files: Any  # the same by the SHA-256 of a file that was read
     objective: str
     sweep: Sweep
-    # Run directories of earlier versions do not have these.
-    dropped: float = 0.0
-    expect_files: Any = None  # expectations by the SHA-256 of a file that was read
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.dropped <= 1.0:

@@ -150,7 +150,7 @@ def unmet(findings: Sequence[Finding]) -> str:
     said = []
     for finding in failed[:3]:
         found = finding.found if finding.found.startswith("not found") else f"found {finding.found}"
-        whose = f" of {finding.filter}" if several else ""
+        whose = f" of {finding.filter}" if several and finding.filter else ""
         said.append(f"{finding.what}{whose} expected {finding.expected}, {found}")
     said += [f"and {len(failed) - 3} more"] * (len(failed) > 3)
     return f"{len(failed)} of {_counted(len(findings))} not met: {'; '.join(said)}"

@@ -1,6 +1,6 @@
 """Groups of keys that no class of the laboratory's own has: noise, data, sweep."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from estlab.datasets.files import Options
@@ -22,15 +22,18 @@ class Data:
     source: Literal["simulated", "files"]
     path: str | None
     prefix: str
-    # Run directories of earlier versions have none of these.
-    files: dict[str, str] = field(default_factory=dict)
-    clock_faults: float = Options.clock_faults
-    clock_gap: float = Options.clock_gap
+    files: dict[str, str]
+    clock_faults: float
+    clock_gap: float
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.clock_faults <= 1.0:
             raise ValueError(f"clock_faults must be a share from 0 to 1, got {self.clock_faults:g}")
         check_positive(clock_gap=self.clock_gap)
+        if "/" in self.prefix:
+            raise ValueError(
+                f"prefix is what the files' names begin with, got {self.prefix!r}; folders go to data.path"
+            )
 
     @property
     def options(self) -> Options:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estlab.earlier import completed
 from estlab.errors import UserError
 from estlab.launch import FAILED, OK, complain, concluded
 from estlab.path_arguments import PATHS, home
@@ -60,8 +61,10 @@ def rerun(arguments: Sequence[str]) -> int:
     from estlab.archive import finished
 
     before = finished.read(_itself(wanted.folder))
-    config = _config(before, wanted)
+    config, added = completed(_config(before, wanted), before.scenario, before.filter)
     settings, names = _settings(before, config, wanted)
+    if added:
+        complain(f"note: {before.path} is of an earlier estlab; as shipped now: {', '.join(added)}")
     typed = finished.text(before.path, rundir.OVERRIDES)
     if why := finished.unfinished(before.status):
         complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")

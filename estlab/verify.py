@@ -127,7 +127,7 @@ def _expects(path: Path) -> bool:
     from omegaconf import DictConfig, OmegaConf
 
     try:
-        yaml_bounds.check(path)
+        yaml_bounds.checked(path)
         content = OmegaConf.load(path)
     except Exception:
         return True

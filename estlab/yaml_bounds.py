@@ -8,8 +8,8 @@ _BYTES = 2**18
 _NODES, _DEEPEST = 100_000, 50  # hundreds of times what a configuration has
 
 
-def check(path: Path) -> None:
-    """Make sure that a YAML file is text, small, and small with its aliases written out.
+def checked(path: Path) -> bytes:
+    """The content of a YAML file, made sure to be text, small, and small with its aliases written out.
 
     Raises UserError, naming the file and the line.
     """
@@ -28,6 +28,7 @@ def check(path: Path) -> None:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         where = f"line {mark.line + 1}: " if mark else ""
         raise UserError(f"{path}: {where}is no YAML ({problem or ' '.join(str(error).split())})") from error
+    return content
 
 
 def _check_nodes(text: str) -> None:

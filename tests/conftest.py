@@ -1,6 +1,8 @@
 """What all tests share: the shipped configuration as objects, the real data where it is, quiet randomness."""
 
 import os
+import pickle
+from functools import cache
 from pathlib import Path
 
 import hypothesis
@@ -27,9 +29,14 @@ hypothesis.settings.load_profile("estlab")
 
 
 def composed(*overrides: str) -> dict:
-    """The configuration that these overrides compose, as plain data."""
+    """The configuration that these overrides compose, as plain data of the caller's own."""
+    return pickle.loads(_composed(*overrides))
+
+
+@cache
+def _composed(*overrides: str) -> bytes:
     with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        return OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True)
+        return pickle.dumps(OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True))
 
 
 def settings(*overrides: str) -> Settings:

@@ -61,7 +61,7 @@ def _draw_line(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], i
     time, truth = arrays["time"], drawable(arrays["truth"][i, :, 0])
     if np.isfinite(truth).any():
         axes.plot(time, truth, color=TRUTH, lw=1.6, label="truth")
-    seen = axes.dataLim.get_points().T[1]
+    seen = axes.dataLim.get_points().T[1].copy()
     for name, colour in zip(filters, colours(len(filters)), strict=True):
         mean = drawable(path_of(arrays, name, filters, "mean")[i, :, 0])
         wide = 3.0 * np.sqrt(np.maximum(drawable(path_of(arrays, name, filters, "cov")[i, i, :, 0]), 0.0))
@@ -82,13 +82,13 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
         axes.plot(*truth, color=TRUTH, lw=1.6, label="truth")
     steps = np.unique(np.linspace(0, arrays["time"].size - 1, _ELLIPSES).astype(int))
     # Truth and readings set the scale: neither a filter that diverges nor its uncertainty shall shrink the picture.
-    box = axes.dataLim.get_points().T
+    box = axes.dataLim.get_points().T.copy()  # as it is now: the limits of data move with what is drawn
     several = len(filters) > 1
     for name, colour in zip(filters, colours(len(filters)), strict=True):
         path = drawable(path_of(arrays, name, filters, "mean")[pair, :, 0])
         path = within(path, box) if np.isfinite(box).all() else path
         axes.plot(*path, color=colour, lw=1.1, label=short(name) if several else "estimate")
-    low, high = axes.dataLim.get_points()
+    low, high = axes.dataLim.get_points().copy()
     size = float((high - low).max()) if np.isfinite([low, high]).all() else 0.0
     left_out = 0
     for name, colour in zip(filters, colours(len(filters)), strict=True):

@@ -220,7 +220,7 @@ def _print_events(out: Console, found: Findings) -> None:
         out.print(f"{gated.value:.0f} readings gated")
     if diverged := found.row("diverged"):
         why = f": {_why(found)}" if diverged.value else ""
-        out.print(f"{diverged.value:.0f} of {diverged.n} runs diverged{why}")
+        out.print(f"{diverged.value:.0f} of {diverged.n} run{'s' * (diverged.n > 1)} diverged{why}")
 
 
 def _why(found: Findings) -> str:

@@ -46,6 +46,7 @@ class Car(Scenario):
 
     file_names = problem3.LAYOUT
     of_simulation: ClassVar = ("duration", "truth", *_OF_MANOEUVRE)
+    clocks = ("clock_faults",)
 
     dt: float
     duration: float

@@ -59,13 +59,13 @@ class Scenario(ABC):
     of_simulation, of_recordings: its keys that simulated data alone, or files alone, are made with.
     file_names: of its recordings, the names that each kind of file may have, the original's first. Where there are
     some, :meth:`read` takes estlab.datasets.files.Options as its fifth argument.
-    timed: whether its files carry times, so that their clocks may be at fault.
+    clocks: the keys of data, on times that its files carry, that reading them takes.
     """
 
     of_simulation: ClassVar[Sequence[str]] = ()
     of_recordings: ClassVar[Sequence[str]] = ()
     file_names: ClassVar[Mapping[str, Sequence[str]]] = {}
-    timed: ClassVar[bool] = False
+    clocks: ClassVar[Sequence[str]] = ()
 
     def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
         """The scenario's keys that a run on data from this source does not read, each with the setting that would."""

@@ -47,7 +47,7 @@ class Landmark(Scenario):
     )  # fmt: skip
     of_recordings: ClassVar = ("truth_gap", "unknown_barcodes")
     file_names = mrclam.LAYOUT
-    timed = True
+    clocks = ("clock_faults", "clock_gap")
 
     dt: float
     duration: float

@@ -32,6 +32,7 @@ class Sonar(Scenario):
 
     file_names = problem4.LAYOUT
     of_simulation: ClassVar = ("duration", "speed", "turn_rate", "bounds", "margin", "beacons")
+    clocks = ("clock_faults",)
 
     dt: float
     duration: float

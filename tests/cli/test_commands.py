@@ -313,6 +313,9 @@ def test_smoothing_is_a_second_set_of_tables(capsys):
     assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60"]) == 0
     metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
     assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
+    # The bound is of the readings so far, which a smoother is not bound by.
+    assert metrics["ukf", "efficiency", "position"] < 1.5
+    assert ("ukf_smoothed", "efficiency", "position") not in metrics
     capsys.readouterr()
     assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
     assert capsys.readouterr().err.startswith(

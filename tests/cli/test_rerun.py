@@ -244,3 +244,39 @@ def test_a_mistake_is_one_line_and_code_2(words, said, capsys):
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(rf"estlab: [^\n]*{re.escape(said)}[^\n]*\n", err)
+
+
+def test_a_run_of_an_earlier_estlab_takes_the_shipped_values_of_keys_that_it_did_not_have(capsys):
+    file = Path("runs/day/run/config.yaml")
+    config = yaml.safe_load(file.read_text())
+    del (
+        config["dropped"],
+        config["scenario"]["sightings"],
+        config["data"]["clock_gap"],
+        config["filters"]["pf"]["recovery"],
+    )
+    file.write_text(yaml.safe_dump(config, sort_keys=False))
+    metrics = Path("runs/day/run/metrics.csv")
+    lines = metrics.read_text().splitlines(keepends=True)
+    metrics.write_text("".join([lines[0], lines[2], lines[1], *lines[4:]]))
+    assert main(["rerun", "runs/day/run"]) == 0
+    said = capsys.readouterr()
+    assert (
+        "earlier estlab; as shipped now: dropped, scenario.sightings, data.clock_gap, filters.pf.recovery" in said.err
+    )
+    assert "identical to the last bit" in said.out
+    now = yaml.safe_load((newest() / "config.yaml").read_text())
+    assert now["filters"]["pf"]["recovery"] == "flatten"
+
+
+def test_a_class_of_a_plugins_own_is_not_given_the_shipped_ones_keys():
+    from estlab.earlier import completed
+
+    own = {"_target_": "mine.Landmark", "dt": 0.1}
+    filter = {"_target_": "estlab.filters.gaussian.extended", "noise": "additive"}
+    config = {"scenario": own, "filter": filter, "filters": {}, "data": {"source": "files"}}
+    found, added = completed(config, "landmark", "ekf")
+    assert found["scenario"] == own
+    assert found["filter"]["gate"] is None
+    assert "filter.gate" in added and not any(key.startswith("scenario.") for key in added)
+    assert found["data"]["source"] == "files"

@@ -145,7 +145,7 @@ REFUSED = [
     (["scenario=radar", "scenario.bearing_sd.ii=1"], "bearing_sd.ii=1 would not be read: it is of scenario.case=ii"),
     (["+experiment=field_errors", "filter.gate=0.9"], "there are several filters: write filters.<ekf|pf>.gate"),
     (["filter=[pf,ekf]", "filter.particles=9"], "there are several filters: write filters.<pf|ekf>.particles"),
-    (["data.clock_gap=9"], "data.clock_gap=9 would not be read: it is of recordings that carry times; leave it out"),
+    (["data.clock_gap=9"], "data.clock_gap=9 would not be read: it is of other files, that carry times; leave it out"),
     (["scenario=landmark", "data.clock_faults=0.1"], "data.clock_faults=0.1 would not be read: it is of data=files"),
     (["data.prefix=x"], "data.prefix=x would not be read: add data=files"),
     (["scenario=radar", "filter=ekf", "dropped=0.5"], "dropped=0.5: radar has no readings to drop; leave it out"),

@@ -172,10 +172,22 @@ def test_a_file_of_configuration_that_is_a_bomb_is_refused_by_its_name(content, 
 
 def test_aliases_that_a_person_writes_are_fine(tmp_path):
     (tmp_path / "a.yaml").write_text("a: &a {x: 1, y: [1, 2]}\nb: *a\nc:\n  <<: *a\n  z: 3\n")
-    yaml_bounds.check(tmp_path / "a.yaml")
+    yaml_bounds.checked(tmp_path / "a.yaml")
     (tmp_path / "b.yaml").write_bytes(b"a: \xff\xe4")
     with pytest.raises(UserError, match="is not text in UTF-8"):
-        yaml_bounds.check(tmp_path / "b.yaml")
+        yaml_bounds.checked(tmp_path / "b.yaml")
+
+
+def test_a_file_that_changed_is_read_anew_and_what_became_of_it_is_nobody_elses(tmp_path):
+    composition.install()
+    (tmp_path / "a.yaml").write_text("defaults: [b]\nx: 1\n")
+    source = composition.FileConfigSource("mine", f"file://{tmp_path}")
+    first, again = source.load_config("a"), source.load_config("a.yaml")
+    del first.config["defaults"]
+    assert again.config == {"defaults": ["b"], "x": 1}
+    assert (again.provider, again.path) == ("mine", f"file://{tmp_path}")
+    (tmp_path / "a.yaml").write_text("defaults: [b]\nx: 2\n")
+    assert source.load_config("a").config == {"defaults": ["b"], "x": 2}
 
 
 def test_a_sweep_without_end_is_refused_before_it_is_written_out():

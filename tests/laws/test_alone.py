@@ -1,6 +1,7 @@
 """A run alone is that run among others, to the last bit, whatever the filter, its settings and the other runs."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -42,11 +43,16 @@ def _assert_alone_as_among_others(filter, models, record, scheme, runs):
     return together
 
 
-@pytest.mark.parametrize("scenario", options("scenario"))
+@cache
+def _with_every_filter(scenario):
+    return _set_up(scenario, range(5), 40, *(f"+filter@filters.{name}={name}" for name in options("filter")))
+
+
 @pytest.mark.parametrize("name", options("filter"))
+@pytest.mark.parametrize("scenario", options("scenario"))
 def test_runs_in_a_batch_do_not_see_each_other(scenario, name):
-    experiment, record, models = _set_up(scenario, range(5), 40, f"filter={name}")
-    _assert_alone_as_among_others(experiment.filter, models, record, experiment.scenario.scheme, (0, 3))
+    experiment, record, models = _with_every_filter(scenario)
+    _assert_alone_as_among_others(experiment.filters[name], models, record, experiment.scenario.scheme, (0, 3))
 
 
 @pytest.mark.parametrize(

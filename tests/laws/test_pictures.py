@@ -185,6 +185,31 @@ def test_a_filter_that_is_far_off_leaves_the_panel_and_it_is_said():
         assert notes(axes) == "beyond the panel: dead_reckoning (±3e+02)"
 
 
+@pytest.mark.parametrize("truth_known", [True, False])
+def test_every_panel_has_the_scale_of_the_filter_that_holds_best(truth_known):
+    def wide(mean, cov) -> None:
+        mean[0] += 4.0  # as wide as four times the best, in one component alone twice
+        cov *= np.array([16.0, 4.0])[:, None, None, None]
+
+    alone = Made(space(2, 2), truth_known=truth_known).drawn()["errors.png"].axes
+    beside = Made(space(2, 2), ekf=covariance(1.0), dead_reckoning=wide, truth_known=truth_known)
+    far, near = beside.drawn()["errors.png"].axes
+    spans = [
+        np.diff(axes.get_ylim())[0] / np.diff(held.get_ylim())[0] for axes, held in zip((far, near), alone, strict=True)
+    ]
+    assert spans[0] == pytest.approx(1.0, rel=0.05)
+    assert notes(far) == "beyond the panel: dead_reckoning (±12)"
+    assert 1.0 < spans[1] < 2.1
+    assert notes(near) == ""
+
+
+def test_an_error_of_an_angle_is_drawn_to_half_a_turn_and_its_band_cut():
+    turning = Space(("heading",), ("rad",), angles=(0,))
+    (axes,) = Made(turning, dead_reckoning=covariance(9.0)).drawn()["errors.png"].axes
+    assert axes.get_ylim()[1] == pytest.approx(1.25 * np.pi)
+    assert notes(axes) == "beyond the panel: dead_reckoning (±9)"
+
+
 def test_a_nees_without_bounds_leaves_its_axis_and_it_is_said():
     drawn = Made(space(2, 2), ekf=covariance(1.0), pf=covariance(1e-120)).drawn()
     (axes,) = drawn["nees.png"].axes
@@ -202,6 +227,14 @@ def test_an_ellipse_larger_than_the_picture_is_left_out_and_counted():
     whole = Made(space(2, 2)).drawn()["trajectory.png"].axes[0]
     assert len(axes.get_lines()) == len(whole.get_lines()) - 1
     assert "3 sigma of the position (1 too large to draw)" in axes.get_legend_handles_labels()[1]
+
+
+def test_a_filter_that_is_lost_beside_a_sound_one_sets_no_scale():
+    """Neither its path nor its ellipses, which may be small and far away."""
+    for position in (1, 2):
+        made = Made(space(2, position), ekf=lambda mean, cov: None, pf=from_step(4, 7e5))
+        (axes,) = made.drawn()["trajectory.png"].axes
+        assert np.abs([*axes.get_xlim(), *axes.get_ylim()]).max() < 1000.0
 
 
 def test_without_truth_estimates_are_drawn_and_no_panel_is_empty():

@@ -32,6 +32,18 @@ def test_the_sample_commands_end_where_the_arithmetic_says():
     np.testing.assert_allclose(pose, [1.0 + 0.5 * np.cos(turn), -0.5 * np.sin(turn), 0.0], atol=1e-12)
 
 
+def test_the_motion_is_linear_in_its_speed_and_not_in_its_turn_rate():
+    """Document 003, question 1, with the numbers of docs/problems/landmark.md."""
+
+    def moved(*command):
+        return np.array(unicycle.arc(np.zeros(3), np.array(command), np.zeros(2), 1.0))
+
+    np.testing.assert_allclose(moved(0.5, 0.4), [0.4868, 0.0987, 0.4], atol=5e-5)
+    np.testing.assert_allclose(moved(1.0, 0.4)[:2], 2.0 * moved(0.5, 0.4)[:2], atol=1e-15)
+    np.testing.assert_allclose(moved(0.5, 0.8), [0.4483, 0.1896, 0.8], atol=5e-5)
+    assert not np.allclose(moved(0.5, 0.0) + moved(0.0, 0.4), moved(0.5, 0.4), atol=0.01)
+
+
 def _position_rms(shared, folder, prefix, filter):
     experiment = settings("scenario=landmark", "data=files", f"data.path={shared / folder}", f"filter={filter}")
     problem = experiment.scenario
