@@ -30,6 +30,10 @@ class Data:
         if not 0.0 <= self.clock_faults <= 1.0:
             raise ValueError(f"clock_faults must be a share from 0 to 1, got {self.clock_faults:g}")
         check_positive(clock_gap=self.clock_gap)
+        if "/" in self.prefix:
+            raise ValueError(
+                f"prefix is what the files' names begin with, got {self.prefix!r}; folders go to data.path"
+            )
 
     @property
     def options(self) -> Options:
