@@ -144,10 +144,12 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     attempts = Attempts(directory, settings.plugins)
     found = results.written(settings, names, ensemble, title, attempts)
     where = str(_short(directory.path))
-    show = partial(terminal.summary, title, found.findings, found.compared, found.own)
+    attempts.show("tables on the terminal", partial(terminal.summary, title, found.findings, found.compared, found.own))
     known = expectations.of_recording(settings.expect_files, [one["sha256"] for one in hashes])
     remarks = [*first.remarks, *_set_aside(names, bool(known))]
-    attempts.show("summary", lambda: show([*remarks, *attempts.remarks()], where))
+    attempts.show(
+        "verdicts on the terminal", lambda: terminal.ending(found.findings, [*remarks, *attempts.remarks()], where)
+    )
     held = _hold_to(expectations.over(known, settings.expect), found, attempts)
     directory.describe(missing=attempts.missing)
     attempts.complete()

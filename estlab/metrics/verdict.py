@@ -110,7 +110,8 @@ def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
     if INSIDE in faults:
         return OVERCONFIDENT
     nees = by[NEES].found.value if NEES in faults else 1.0
-    if BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
+    size_known = np.isfinite(by[NEES].p) or NIS not in faults
+    if size_known and BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
         return BIASED
     for name in (NEES, NIS):
         if name in faults:
@@ -158,6 +159,7 @@ def _sample(tally: Tally, key: str) -> str:
     states, found = key.rpartition(".")[2], f"{_fewest(tally):.3g}"
     if states == "members":
         return f"{found} members are too few"
+    states = states.removesuffix("s") if found == "1" else states
     return f"the cloud fell to {found} effective {states}{'' if tally.runs == 1 else ' on average'}"
 
 

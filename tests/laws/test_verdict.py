@@ -292,6 +292,17 @@ def test_a_bias_is_what_is_wrong_only_where_it_explains_most_of_the_nees():
     assert verdict(both).word == OVERCONFIDENT
 
 
+def test_a_bias_is_not_what_is_wrong_where_innovations_are_and_nees_cannot_be_judged():
+    record = records(Fault(bias=0.3), 30, 60, 1)
+    found = filtered(record)
+    sample = np.stack([np.full((60, 30), 20.0), np.full((60, 30), 0.95)])
+    tally = told(record, replace(found, sample=sample), 0.3 * innovations(30, 60))
+    assert answers(tally)[BIAS].rejected
+    assert verdict(tally, "filter.particles").sentence.startswith(
+        "conservative as far as its innovations tell: NIS / m"
+    )
+
+
 def test_a_gate_does_not_make_a_right_filter_conservative():
     record = records(Fault(), 200, 100, 1)
     found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Streams(1, "none").draws("none", ()))
