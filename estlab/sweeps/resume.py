@@ -21,7 +21,7 @@ def without_own_flags(arguments: Sequence[str]) -> list[str]:
     more = _with_keys([*arguments[: at[0]], *arguments[at[0] + 1 + (not equals) :]])
     folder = folder if equals else "".join(arguments[at[0] + 1 : at[0] + 2])
     if not folder or len(at) > 1 or (folder.startswith("-") and not equals):
-        raise UserError("--resume takes the directory of one sweep, as in estlab sweep --resume runs/latest")
+        raise UserError("--resume takes the directory of a sweep, once, as in estlab sweep --resume runs/latest")
     if place := next((word for word in more if _key(word) in ("sweep.dir", "hydra.sweep.dir")), ""):
         raise UserError(f"{place}: --resume says which directory; leave one of them out")
     return [*_words_of(Path(home(folder)), more), *more]

@@ -221,8 +221,8 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "scenario=car,field"], "scenario=car,field: a run takes one value, estlab sweep several"),
         (["run", "runs={}"], "runs must be a whole number, got {}"),
         (["sweep", "seed=range(1,3,0)"], "seed=range(1,3,0): range() arg 3 must not be zero"),
-        (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of one sweep"),
-        (["sweep", "--resume", "--dry-run"], "--resume takes the directory of one sweep"),
+        (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of a sweep, once"),
+        (["sweep", "--resume", "--dry-run"], "--resume takes the directory of a sweep, once"),
         (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume says which directory"),
         (["sweep", "sweep.dir=/proc/estlab"], "No such file or directory; give this sweep another sweep.dir"),
         *(
