@@ -5,6 +5,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -121,6 +122,15 @@ def check(config: DictConfig) -> None:
             _check_target(where, value, allowed)
         elif path.startswith(("hydra.job_logging", "hydra.hydra_logging")):
             _check_logging(where, key, value, allowed)
+    _check_callbacks(config.hydra.callbacks)
+
+
+def _check_callbacks(callbacks: Any) -> None:
+    for name in callbacks:
+        with suppress(OmegaConfBaseException):
+            if isinstance(callbacks[name], DictConfig) and isinstance(callbacks[name].get("_target_"), str):
+                continue
+        raise UserError(f"hydra.callbacks.{name} names no class; write +hydra.callbacks.{name}._target_=PACKAGE.CLASS")
 
 
 def _values(node: Any, path: str) -> Iterator[tuple[str, str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 from estlab import rundir
 from estlab.attempts import Attempts
 from estlab.config import Settings
-from estlab.ensemble import Ensemble, Names, histories_of, history_of, record_of
+from estlab.ensemble import SMOOTHED, Ensemble, Names, histories_of, history_of, record_of
 from estlab.maths.space import Array
 from estlab.metrics import series
 from estlab.metrics.bound import posterior_bound
@@ -46,13 +46,15 @@ def written(settings: Settings, names: Names, ensemble: Ensemble, title: str, at
     filters = list(ensemble.kept)
     attempts.write(rundir.ESTIMATES, lambda s: np.savez(s, allow_pickle=False, **arrays), needed=True)
     bound = attempts.made("Cramér-Rao bound", lambda: _bound(settings, names, ensemble))
-    findings = {name: _findings(settings, name, ensemble, bound, attempts) for name in filters}
+    # It is of the readings so far, and a smoother has those to come too.
+    bounds = {name: None if name.endswith(SMOOTHED) else bound for name in filters}
+    findings = {name: _findings(settings, name, ensemble, bounds[name], attempts) for name in filters}
     histories = {name: history_of(arrays, name, len(filters)) for name in filters}
     own_name = f"{names.scenario}.csv"
     own = attempts.made(own_name, lambda: scenario.table(histories)) or {}
     if own:
         attempts.write(own_name, partial(tables.write_columns, own))
-    by_file = _tables(ensemble, findings, bound, attempts)
+    by_file = _tables(ensemble, findings, bounds, attempts)
     for file, by_filter in by_file.items():
         if by_filter:
             attempts.write(file, partial(tables.write_csv, by_filter, settings.seed), needed=file == rundir.METRICS)
@@ -92,14 +94,16 @@ def _findings(settings: Settings, name: str, ensemble: Ensemble, bound: Array | 
     return Findings(rows, tests, verdict)
 
 
-def _tables(ensemble: Ensemble, findings: dict[str, Findings], bound: Array | None, attempts: Attempts) -> ByFile:
+def _tables(
+    ensemble: Ensemble, findings: dict[str, Findings], bounds: Mapping[str, Array | None], attempts: Attempts
+) -> ByFile:
     """Every table that has lines of each filter, by file and filter, as far as they can be made."""
     if ensemble.failure:
         return {}
     kept, total = ensemble.kept, ensemble.total
     first = {name: (k["truth"][..., 0], k["mean"][..., 0], k["cov"][..., 0]) for name, k in kept.items()}
     of_tally: dict[str, Callable[[str, Tally], tables.Table | None]] = {
-        rundir.ERRORS: lambda name, tally: series.errors(tally, first[name], bound),
+        rundir.ERRORS: lambda name, tally: series.errors(tally, first[name], bounds[name]),
         rundir.NEES: lambda name, tally: series.nees(tally),
         rundir.NIS: lambda name, tally: series.nis(tally),
         rundir.NOTES: lambda name, tally: series.notes(tally),

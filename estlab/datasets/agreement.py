@@ -3,27 +3,75 @@
 import numpy as np
 
 from estlab.datasets.promises import check_turns
-from estlab.maths.space import Array, wrap
+from estlab.datasets.truth import first_of_each
+from estlab.maths.space import Array, Space, wrap
 
 _WINDOW = 1.0  # [s] over which turns are compared
 _LEAST = 20  # readings or windows that can tell
+_FEW = 5  # readings of one landmark that can tell
+_WORSE = 5.0  # times what all readings are off: more than landmarks differ
 _LIKE_CHANCE = 0.5  # ranges this bad, as a share of what they are against the truth of another time
 _UNRELATED = 0.3  # correlation of turns
+_APART = 2.0  # times the truth's distances, or one part in so many
+
+DISTANCE, ANGLE = Space(("distance",), ("m",)), Space(("angle",), ("rad",), angles=(0,))
 
 
-def of_ranges(ranges: Array, expected: Array, what: str) -> tuple[str, ...]:
-    """A remark if ranges (N,) fit those expected of the truth as badly as at other times; NaN where it is not known."""
-    known = np.flatnonzero(np.isfinite(expected))
+def of_readings(kind: str, readings: Array, expected: Array, what: str, space: Space = DISTANCE) -> tuple[str, ...]:
+    """A remark if readings (N,) fit those expected of the truth as badly as at other times; NaN where it is not known.
+
+    kind: of the readings, in the plural.
+    """
+    known = np.flatnonzero(np.isfinite(expected) & np.isfinite(readings))
     if known.size < _LEAST:
         return ()
-    ranges, expected = ranges[known], expected[known]
-    off, chance = (float(np.median(np.abs(ranges - e))) for e in (expected, np.roll(expected, known.size // 2)))
+    readings, expected = readings[known], expected[known]
+    off, chance = (
+        float(np.median(np.abs(space.minus(readings[None], e[None]))))
+        for e in (expected, np.roll(expected, known.size // 2))
+    )
     if off <= _LIKE_CHANCE * chance:
         return ()
     return (
-        f"{what}: half of the ranges are off the truth's by more than {off:.3g} m, hardly better than those of another "
-        "time; do clocks, barcodes and units agree?",
+        f"{what}: half of the {kind} are off the truth's by more than {off:.3g} {space.units[0]}, hardly better than "
+        "those of another time; do clocks, barcodes and units agree?",
     )
+
+
+def of_each(ranges: Array, expected: Array, codes: Array, what: str) -> tuple[str, ...]:
+    """A remark about barcodes (N,), each there a few times, whose ranges (N,) fit the truth far worse than the rest."""
+    known = np.flatnonzero(np.isfinite(expected))
+    if known.size < _LEAST:
+        return ()
+    ranges, expected, codes = ranges[known], expected[known], codes[known]
+    off = np.abs(ranges - expected)
+    chance = float(np.median(np.abs(ranges - np.roll(expected, known.size // 2))))
+    limit = max(_WORSE * float(np.median(off)), 0.2 * _LIKE_CHANCE * chance)
+    wrong = [c for c in np.unique(codes) if (codes == c).sum() >= _FEW and np.median(off[codes == c]) > limit]
+    if not wrong:
+        return ()
+    plural = "s" * (len(wrong) > 1)
+    return (
+        f"{what}: half of the ranges to barcode{plural} {', '.join(f'{c:g}' for c in wrong)} are off the truth's by "
+        f"more than {limit:.3g} m; are barcodes exchanged, or landmarks?",
+    )
+
+
+def of_lengths(commanded: Array, x: Array, y: Array, heading: Array, what: str) -> tuple[str, ...]:
+    """A remark if commanded distances (N - 1,) are not about those that the truth (N,) went forward.
+
+    heading: in which it went from there on. NaN where not known.
+    """
+    forward = np.diff(x) * np.cos(heading[:-1]) + np.diff(y) * np.sin(heading[:-1])
+    known = np.isfinite(forward) & np.isfinite(commanded)
+    went, said = forward[known], commanded[known]
+    scale = float(np.abs(went).max(initial=0.0))
+    if known.sum() < _LEAST or not 0.0 < scale < np.inf:
+        return ()
+    slope = float((went / scale * said).sum() / ((went / scale) ** 2).sum() / scale)
+    if 1.0 / _APART <= slope <= _APART:
+        return ()
+    return (f"{what}: distances commanded are {slope:.2g} times those of the truth; do units and clocks agree?",)
 
 
 def of_turns(time: Array, rate: Array, heading: Array, what: str) -> tuple[str, ...]:
@@ -33,7 +81,7 @@ def of_turns(time: Array, rate: Array, heading: Array, what: str) -> tuple[str, 
     Raises UserError if the rates are in degrees.
     """
     commanded = np.append(0.0, np.cumsum(rate[:-1] * np.diff(time)))
-    marks = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], _WINDOW)))
+    marks = first_of_each(time - time[0], _WINDOW)
     near = np.diff(time[marks]) < 2.0 * _WINDOW
     said, turned = np.diff(commanded[marks])[near], wrap(np.diff(heading[marks]))[near]
     known = np.isfinite(turned)

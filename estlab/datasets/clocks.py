@@ -9,6 +9,7 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 _MUCH_LONGER = 10.0  # times the median step
+_SLOWEST = 1000.0  # [s] a step of any robot here
 
 
 def in_order(
@@ -18,13 +19,15 @@ def in_order(
 
     Of rows with one time the last counts, unless ``repeats`` are as they should be; the fewest rows whose removal
     leaves no step back are left out. place: where a row is.
-    Raises UserError if those are more than a share of all.
+    Raises UserError if those are more than a share of all, or times cannot be seconds.
     """
     kept = np.arange(time.size) if (np.diff(time) >= 0.0).all() else _longest_ascent(time)
     back = time.size - kept.size
     if not repeats:
         kept = kept[np.append(np.diff(time[kept]) > 0.0, True)]
     repeated = time.size - kept.size - back
+    if kept.size > 1 and (usual := float(np.median(np.diff(time[kept])))) > _SLOWEST:
+        raise UserError(f"{place(0)}: half of the steps take {usual:.3g} s or more; times must be in seconds")
     if not back + repeated:
         return kept, ()
     steps = np.diff(time)

@@ -48,9 +48,10 @@ def read(files: Files) -> Recording:
         alpha = read_table(headings, _HEADING, ",", timed=False)[:, 0]
         if fixes.shape[1] != alpha.size:
             raise UserError(
-                f"{headings}: {alpha.size} rows for the {fixes.shape[1]} of {positions.name}; one row a frame in each"
+                f"{headings}: {alpha.size} rows for the {fixes.shape[1]} of {positions.name}; one row a frame in "
+                "each, nan where nothing was measured"
             )
-        check_headings(alpha, fixes[0], fixes[1], partial(place, headings))
+        check_headings(alpha, fixes[0], fixes[1], partial(place, headings, blank=True))
     seen = np.asarray(np.isfinite(fixes).all(axis=0))
     pairs = np.flatnonzero(seen[1:] & seen[:-1])
     if not pairs.size or fixes.shape[1] - pairs[0] < _LEAST:
@@ -85,7 +86,7 @@ def _missing(path: Path, missing: Array, first: int, what: str) -> tuple[str, ..
     """A remark about the frames (N,) without something, the first of which has the number ``first`` in the file."""
     if not missing.any():
         return ()
-    where = place(path, first + int(missing.argmax()))
+    where = place(path, first + int(missing.argmax()), blank=what == "alpha")
     return (
         f"{where}: no {what} in {int(missing.sum())} of {missing.size} frames, this the first; taken as not measured",
     )

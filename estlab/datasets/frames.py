@@ -11,6 +11,7 @@ from estlab.datasets.truth import on_timeline
 from estlab.errors import UserError
 from estlab.maths.space import Array
 
+_OTHER_RATE = 20.0  # times or one part in so many: more than a robot's rate differs
 _SAME = 1e-6  # [s] within which two times are one
 _BRIDGED = 1.5  # times the truth's step, over which it is interpolated
 
@@ -30,6 +31,9 @@ def kept(count: int, time: Array | None, otherwise: Array, place: Callable[[int]
     if time is None:
         return Kept(np.arange(count), otherwise, False, ())
     frames, said = in_order(time, place, share)
+    step, usual = (float(np.median(np.diff(t))) if t.size > 1 else np.nan for t in (time[frames], otherwise))
+    if max(step / usual, usual / step) > _OTHER_RATE:
+        said += (f"{place(0)}: times are {step:.3g} s apart, scenario.dt is {usual:g}; are they in seconds?",)
     return Kept(frames, time[frames], True, (*said, *long_steps(time[frames])))
 
 

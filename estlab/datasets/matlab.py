@@ -15,6 +15,8 @@ from estlab.datasets.whole import write_whole
 from estlab.errors import UserError
 from estlab.maths.space import Array
 
+_HDF5 = (b"MATLAB 7.3", b"\x89HDF")
+
 
 @dataclass(frozen=True)
 class Frames:
@@ -40,7 +42,7 @@ class MatFile:
         structs = {key: value for key, value in self.variables.items() if _has(value, field)}
         if not structs:
             raise UserError(
-                f"{self.path}: expected a struct array {name or '(i)'} with a field '{field}'; "
+                f"{self.path}: expected a struct array {f'{name} ' if name else ''}with a field '{field}'; "
                 f"the file holds {self._held()}"
             )
         key = name if name in structs else next(iter(structs))
@@ -129,12 +131,14 @@ def load(path: Path) -> MatFile:
     from scipy.io import loadmat
 
     content = read_bytes(path)
+    if content.startswith(_HDF5):
+        raise UserError(f"{path}: saved as version 7.3, which is HDF5; save it by save(..., '-v7')")
     check_declared(path, content)
     try:
         variables: dict[str, Any] = loadmat(io.BytesIO(content))
     except Exception as error:  # scipy raises many kinds for a file that is not MATLAB's
         raise UserError(
-            f"{path}: not a MATLAB file that can be read; it must be saved as version 7 or older"
+            f"{path}: not a MATLAB file that can be read; it must be saved as version 7 or older and be whole"
         ) from error
     return MatFile(path, {name: value for name, value in variables.items() if not name.startswith("__")})
 

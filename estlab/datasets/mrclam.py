@@ -34,7 +34,9 @@ _COLUMNS = {
     "odometry": (_TIME, Column("v"), Column("w", angle=True)),
     "measurement": (_TIME, Column("barcode"), Column("range", distance=True), Column("bearing", angle=True)),
     "groundtruth": (_TIME, Column("x"), Column("y"), Column("heading")),
-    "landmark_groundtruth": tuple(Column(name) for name in ("subject", "x", "y", "sd_x", "sd_y")),
+    "landmark_groundtruth": tuple(
+        Column(name, missing=name.startswith("sd")) for name in ("subject", "x", "y", "sd_x", "sd_y")
+    ),
     "barcodes": (Column("subject"), Column("barcode")),
 }
 _WHOLE = {"measurement": slice(1, 2), "barcodes": slice(0, 2), "landmark_groundtruth": slice(0, 1)}
@@ -74,7 +76,7 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
     Raises UserError, naming the file, where one is missing or not as the layout says.
     """
     paths, remarks = _paths(Files(folder, prefix, LAYOUT, options.names))
-    tables = {kind: read_table(path, _COLUMNS[kind]) for kind, path in paths.items()}
+    tables = {kind: read_table(path, _COLUMNS[kind], timed=kind not in _COMMON) for kind, path in paths.items()}
     _check_values(paths, tables)
     codes = tables["measurement"][:, 1].astype(int)
     barcodes, landmarks = tables["barcodes"], tables["landmark_groundtruth"]
@@ -168,7 +170,10 @@ def _check_values(paths: Mapping[str, Path], tables: Mapping[str, Array]) -> Non
         numbers = tables[kind][:, columns]
         broken = ((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)).any(axis=1)
         _refuse(paths[kind], broken, "a subject or barcode is not a whole number")
-    again = _again(tables["landmark_groundtruth"][:, 0])
+    subjects = tables["landmark_groundtruth"][:, 0]
+    robots = f"subjects 1 to {FIRST_LANDMARK - 1} are robots; number landmarks from {FIRST_LANDMARK}, in both files"
+    _refuse(paths["landmark_groundtruth"], subjects < FIRST_LANDMARK, robots)
+    again = _again(subjects)
     _refuse(paths["landmark_groundtruth"], again, "this subject has a row already; leave one")
     again = _again(tables["barcodes"][:, 1])
     _refuse(paths["barcodes"], again, "this barcode is another subject's already; each needs its own")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab.datasets import frames, matlab
+from estlab.datasets import agreement, frames, matlab
 from estlab.datasets.files import Files, Options
 from estlab.datasets.matlab import MatFile
 from estlab.datasets.promises import Column, check_ascending, check_headings, check_noisy_distances, check_turns
@@ -85,6 +85,7 @@ def read(files: Files, dt: float, options: Options) -> Recording:
         check_headings(poses[_HEADING], poses[0], poses[1], lambda i: f"{truth_path}: element {i + 1}")
         truth, said = frames.truth_of(path, kept, truth_path, poses, truth_time, (_HEADING,), options.clock_faults)
         remarks += said
+        remarks += agreement.of_lengths(encoder[0, 1:], truth[0], truth[1], np.roll(truth[_HEADING], -1), str(path))
         check_turns("dth", encoder[1, 1:], np.diff(truth[_HEADING]), f"{path}: encoder(i).u")
     read = (path, truth_path) if truth_path else (path,)
     return Recording(encoder, ranges, kept.time, truth, beacons.T, bounds, read, remarks)

@@ -39,7 +39,7 @@ def check(columns: Sequence[Column], values: Array, place: Callable[[int], str],
         known = np.isfinite(numbers)
         for wrong, why in (
             (np.isinf(numbers) if column.missing else ~known, _unknown(column, timed)),
-            (column.angle & known & (np.abs(numbers) > TURN), _DEGREES),
+            (column.angle & known & (np.abs(numbers) > TURN), _DEGREES + f"; {order}" * timed),
             (column.distance & known & (numbers < 0.0), f"negative; {order}"),
         ):
             if wrong.any():
@@ -112,7 +112,7 @@ def check_noisy_distances(values: Array, least_sd: float, place: Callable[[int],
 def _unknown(column: Column, timed: bool) -> str:
     if column.missing:
         return "not finite; write nan for what was not measured"
-    return "not finite; " + ("remove the row, a gap is better than a guess" if timed else "it is needed at every step")
+    return "not finite; " + ("remove the row, a gap is better than a guess" if timed else "it is needed in every row")
 
 
 def _agreement(heading: Array, x: Array, y: Array) -> float:

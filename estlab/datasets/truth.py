@@ -50,12 +50,16 @@ def trusted_heading(time: Array, x: Array, y: Array, heading: Array, gap: float)
     return good
 
 
+def first_of_each(way: Array, length: float) -> Array:
+    """Where a way (N,) that ascends from 0 first passes each multiple of a length, however far it goes."""
+    return np.flatnonzero(np.diff(np.floor(way / length), prepend=-1.0) > 0.0)
+
+
 def _course_error(x: Array, y: Array, heading: Array) -> float | None:
     """Median angle [rad] between heading and the chord to where the robot is 5 cm on; None if it hardly moves."""
     travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if travel[-1] < _TELLING_TRAVEL:
         return None
-    marks = np.searchsorted(travel, np.arange(0.0, travel[-1], 0.05))
-    marks = np.unique(np.minimum(marks, x.size - 1))
+    marks = first_of_each(travel, 0.05)
     course = np.arctan2(np.diff(y[marks]), np.diff(x[marks]))
     return float(np.median(np.abs(wrap(course - heading[marks[:-1]]))))

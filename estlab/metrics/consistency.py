@@ -104,7 +104,8 @@ def nees_of(tally: Tally, which: str = "") -> tuple[str, Moments]:
 def _nees(tally: Tally) -> _Asked:
     """Each run's mean NEES over its law's is one on average. Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2."""
     of, moments = nees_of(tally)
-    why = _too_few(tally, tally.runs) or sample_too_small(tally) or _unscored(moments) or _too_few(tally, moments.count)
+    why = _unscored(tally, moments) or _too_few(tally, tally.runs) or sample_too_small(tally)
+    why = why or _too_few(tally, moments.count)
     return _Asked(NEES, 1.0, positive_test(moments, 1.0), lambda level: (of, positive_interval(moments, level)), why)
 
 
@@ -138,7 +139,7 @@ def _bias(tally: Tally) -> _Asked:
     within a run and tested over runs, each component by Student's t, all together by Bonferroni.
     """
     moments, names = tally.moments["bias"], tally.space.names
-    why = _too_few(tally, tally.runs) or _unscored(moments) or _too_few(tally, moments.count)
+    why = _unscored(tally, moments) or _too_few(tally, tally.runs) or _too_few(tally, moments.count)
     return _Asked(BIAS, 0.0, _any_off_zero(moments), lambda level: _furthest(moments, names, level), why)
 
 
@@ -250,8 +251,12 @@ def _no_innovations(tally: Tally) -> str:
     return "no reading passed the gate" if tally.gated else "there are no innovations"
 
 
-def _unscored(moments: Moments) -> str:
-    return "" if int(moments.count) else "there is no truth to hold it to"
+def _unscored(tally: Tally, moments: Moments) -> str:
+    if int(moments.count):
+        return ""
+    if tally.diverged["not_definite"]:
+        return "no covariance is definite"
+    return "no estimate is finite" if tally.diverged["not_finite"] else "the truth is not known"
 
 
 def sample_too_small(tally: Tally) -> str:
@@ -259,7 +264,7 @@ def sample_too_small(tally: Tally) -> str:
     lawful = tally.moments["lawful"]
     if not tally.sampled or not int(lawful.count) or lawful.mean[0] >= _LAWFUL:
         return ""
-    return f"the sample is too small at {1.0 - float(lawful.mean[0]):.0%} of the steps"
+    return f"the sample is too small at {100.0 * (1.0 - float(lawful.mean[0])):.0f} % of the steps"
 
 
 def explained_by_bias(tally: Tally) -> float:

@@ -50,7 +50,7 @@ def number(value: float, places: int) -> str:
 
 def figure(found: Estimate, expected: float = math.nan) -> str:
     """The value with as many digits as its interval leaves sense in."""
-    return number(found.value, decimals(found.value, found.low, found.high, expected))
+    return _shown(found, found.value, decimals(found.value, found.low, found.high, expected))
 
 
 def interval(found: Estimate, expected: float = math.nan) -> str:
@@ -58,7 +58,15 @@ def interval(found: Estimate, expected: float = math.nan) -> str:
     if math.isnan(found.low):
         return ""
     places = decimals(found.value, found.low, found.high, expected)
-    return f"{number(found.low, places)} to {number(found.high, places)}"
+    return f"{_shown(found, found.low, places)} to {_shown(found, found.high, places)}"
+
+
+def _shown(found: Estimate, value: float, places: int) -> str:
+    """A value or an end with one digit at least where the interval leaves out zero, however wide it is."""
+    surely = found.low > 0.0 or found.high < 0.0
+    if surely and value and math.isfinite(value) and not round(value, places):
+        places = -math.floor(math.log10(abs(value)))
+    return number(value, places)
 
 
 def bracketed(found: Estimate, expected: float = math.nan) -> str:

@@ -20,8 +20,9 @@ from estlab.metrics.consistency import (
     nees_of,
     sample_too_small,
 )
-from estlab.metrics.digits import bracketed, figure
-from estlab.metrics.intervals import LEVEL, mean_interval, positive_interval, stretched
+from estlab.metrics.digits import bracketed
+from estlab.metrics.intervals import LEVEL, positive_interval, stretched
+from estlab.metrics.laws import LEAST_EFFECTIVE
 from estlab.metrics.tally import CAUSES, Tally
 
 CONSISTENT, OVERCONFIDENT, CONSERVATIVE = "consistent", "overconfident", "conservative"
@@ -70,26 +71,38 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
     diverged = sum(tally.diverged.values())
     answered = [test.adjusted for test in tests if np.isfinite(test.adjusted)]
     p = min(answered, default=np.nan)
-    fewest = _fewest(tally, sampled_key.rpartition(".")[2]) if sampled_key else ""
-    more = f"; raise {sampled_key}" if fewest else ""
+    sample = _sample(tally, sampled_key)
+    more = f"; raise {sampled_key}" if sample else ""
+    key = sampled_key if sample else ""
     if diverged and diverged >= tolerance.lost * tally.runs:
-        sentence = f"{_lost(tally, diverged)}{f', {fewest}' if fewest else ''}{more}"
-        return Verdict(LOST, sentence, sampled_key if fewest else "", p)
-    figures = [_figure(by[name]) for name in (INSIDE, NEES, NIS, BIAS, WHITENESS) if name in faults]
+        return Verdict(LOST, f"{_lost(tally, diverged)}{f', {sample}' if sample else ''}{more}", key, p)
     word = _word(by, faults, explained_by_bias(tally) if BIAS in faults else 0.0)
-    if fewest and _is_starved(tally, by, faults):
+    order = (BIAS, NEES, NIS, WHITENESS) if word == BIASED else (INSIDE, *_JUDGED)
+    figures = [_figure(by[name]) for name in order if name in faults]
+    if sample and _is_starved(tally, by, faults):
         unjudged = [] if NEES in faults else [_nees(tally)]
-        return Verdict(STARVED, f"starved: {', '.join([fewest, *unjudged, *figures])}{more}", sampled_key, p)
+        return Verdict(STARVED, f"starved: {', '.join([sample, *unjudged, *figures])}{more}", key, p)
     if INSIDE in faults:
-        sentence = f"{OVERCONFIDENT}: {', '.join([figures[0], _nees(tally), *figures[1:]])}{more}"
-        return Verdict(OVERCONFIDENT, sentence, sampled_key if fewest else "", p)
+        more, key = (more, key) if sample and _is_to_blame(tally, by, faults) else ("", "")
+        return Verdict(OVERCONFIDENT, f"{word}: {', '.join([figures[0], _nees(tally), *figures[1:]])}{more}", key, p)
+    if sample and sample_too_small(tally):
+        more = f"; {sample}, and a test of NEES needs {LEAST_EFFECTIVE}: {_enough(tally, sampled_key)}"
+    else:
+        more = key = ""
     if word == CONSISTENT and not answered:
-        return Verdict(UNDECIDED, f"undecided: {_undecided(tally, by)}", "", p)
+        return Verdict(UNDECIDED, f"undecided: {_undecided(tally, by)}{more}", key, p)
+    if word == CONSISTENT and more and not np.isfinite(by[NEES].p) and np.isfinite(by[BIAS].p):
+        parts = [f"{_nees(tally)} (not judged)", *_not_rejected(by)]
+        return Verdict(UNDECIDED, f"undecided: {', '.join(parts)}{more}", key, p)
     if word == CONSISTENT:
-        return Verdict(CONSISTENT, _consistent(tally, by), "", p)
-    key, advice = _advice(word, by, faults, tally.sampled)
+        return Verdict(CONSISTENT, f"{_consistent(tally, by)}{more}", key, p)
+    advised, advice = _advice(word, by, faults, tally.sampled)
     of_what = _as_far_as(by) if word in (OVERCONFIDENT, CONSERVATIVE) else ""
-    return Verdict(word, f"{_said(word)}{of_what}: {', '.join(figures)}{advice}", key, p)
+    if word == CORRELATED:
+        word_and, figures = "correlated in its innovations", [figures[0].removeprefix("innovations ")]
+    else:
+        word_and = f"{word}{of_what}"
+    return Verdict(word, f"{word_and}: {', '.join(figures)}{advice}{more}", advised or key, p)
 
 
 def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
@@ -97,7 +110,8 @@ def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
     if INSIDE in faults:
         return OVERCONFIDENT
     nees = by[NEES].found.value if NEES in faults else 1.0
-    if BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
+    size_known = np.isfinite(by[NEES].p) or NIS not in faults
+    if size_known and BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
         return BIASED
     for name in (NEES, NIS):
         if name in faults:
@@ -108,24 +122,50 @@ def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
 
 
 def _is_starved(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
-    """Whether a cloud that is too small at some step is what is wrong, or leaves nothing else to be said.
+    """Whether a cloud that is too small at some step is what is wrong.
 
-    Where shares inside 3 sigma tell how wrong the cloud is, they are what is said.
+    Where NEES is judged, it tells. Where it has no law, the cloud is starved if it fell to so few states that their
+    covariance says nothing, or if NEES is larger than so few drawn from the truth's own law would have it. Where
+    shares inside 3 sigma tell how wrong the cloud is, they are what is reported.
     """
-    if INSIDE in faults:
+    if INSIDE in faults or not _is_to_blame(tally, by, faults):
         return False
-    small = NEES in faults and by[NEES].found.value < 1.0
-    return bool(sample_too_small(tally)) or (not small and bool({NEES, BIAS} & faults))
+    if not sample_too_small(tally):
+        return BIAS in faults if NEES not in faults else by[NEES].found.value > 1.0
+    n, size = tally.space.size, _fewest(tally)
+    return size <= n + 4 or positive_interval(nees_of(tally)[1]).low > (size + 1.0) / (size - n - 2.0)
 
 
-def _fewest(tally: Tally, states: str) -> str:
+def _is_to_blame(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
+    """Whether a small cloud may be why errors are too large: not where innovations are too large and white or worse.
+
+    A cloud that lost its states stays on one side of the readings, so that innovations correlate. Where they do not,
+    readings are worse than the filter takes them for, and it is that which makes the cloud small.
+    """
+    if _fewest(tally) <= tally.space.size + 4 or NIS not in faults or by[NIS].found.value < 1.0:
+        return True
+    return by[WHITENESS].rejected and by[WHITENESS].found.value > 0.0
+
+
+def _fewest(tally: Tally) -> float:
+    """The smallest size of the sample over a run, mean over runs."""
+    return float(tally.moments["fewest"].mean[0])
+
+
+def _sample(tally: Tally, key: str) -> str:
     """What became of the samples of half of the runs or more; empty where they are large enough throughout."""
-    if not tally.sampled or not tally.moments["starved"].mean[0] >= _STARVED:
+    if not (key and tally.sampled and tally.moments["starved"].mean[0] >= _STARVED):
         return ""
-    found = figure(mean_interval(tally.moments["fewest"]))
+    states, found = key.rpartition(".")[2], f"{_fewest(tally):.3g}"
     if states == "members":
         return f"{found} members are too few"
-    return f"the cloud fell to {found} effective {states}{'' if tally.runs == 1 else ' in the mean over runs'}"
+    states = states.removesuffix("s") if found == "1" else states
+    return f"the cloud fell to {found} effective {states}{'' if tally.runs == 1 else ' on average'}"
+
+
+def _enough(tally: Tally, key: str) -> str:
+    """What would do: the effective size grows with the sample."""
+    return f"raise {key} by a factor of {math.ceil(LEAST_EFFECTIVE / _fewest(tally))}"
 
 
 def _advice(word: str, by: dict[str, Test], faults: set[str], sampled: bool) -> tuple[str, str]:
@@ -153,24 +193,31 @@ def _figure(test: Test) -> str:
     if test.name == WHITENESS:
         return f"innovations correlated {found} at {test.of}"
     if test.name == INSIDE:
-        return f"{test.of} within 3 sigma {found} of the time, which no law of errors has below {LEAST_INSIDE:.3f}"
+        return (
+            f"{test.of} within 3 sigma for {found} of the time, and {LEAST_INSIDE:.3f} is the least of any distribution"
+        )
     return f"{test.name.upper()} / {test.of} = {found}"
 
 
 def _nees(tally: Tally) -> str:
     """NEES where it is told and not judged."""
     of, moments = nees_of(tally)
-    return f"NEES / {of} = {bracketed(positive_interval(moments))}"
+    return f"NEES / {of} = {bracketed(positive_interval(moments), 1.0)}"
 
 
 def _consistent(tally: Tally, by: dict[str, Test]) -> str:
-    parts = [_figure(by[name]) for name in (NEES, NIS) if np.isfinite(by[name].p)]
-    for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")):
-        parts += [_figure(by[name]) if by[name].rejected else word] * bool(np.isfinite(by[name].p))
     slight = [name for name in (NEES, NIS, BIAS, WHITENESS) if by[name].rejected]
     but = ", but for what is too slight to matter" if slight else ""
     seen = "" if slight else _could_be_seen(tally, by[NEES])
-    return f"consistent{_as_far_as(by)}{but}: {', '.join(parts)}{seen}"
+    return f"consistent{_as_far_as(by)}{but}: {', '.join(_not_rejected(by))}{seen}"
+
+
+def _not_rejected(by: dict[str, Test]) -> list[str]:
+    """What every test found that was made, of a filter without a fault."""
+    parts = [_figure(by[name]) for name in (NEES, NIS) if np.isfinite(by[name].p)]
+    for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")):
+        parts += [_figure(by[name]) if by[name].rejected else word] * bool(np.isfinite(by[name].p))
+    return parts
 
 
 def _as_far_as(by: dict[str, Test]) -> str:
@@ -208,11 +255,11 @@ def _undecided(tally: Tally, by: dict[str, Test]) -> str:
     return f"{' and '.join(said)}{_could_be_seen(tally, by[NEES])}"
 
 
-def _said(word: str) -> str:
-    return "correlated innovations" if word == CORRELATED else word
-
-
 def _lost(tally: Tally, diverged: int) -> str:
-    words = {"not_finite": "not finite", "not_definite": "not positive definite", "lost": "too far off to the end"}
+    words = {
+        "not_finite": "not finite",
+        "not_definite": "not positive definite",
+        "lost": "still too far off at the end",
+    }
     why = ", ".join(f"{tally.diverged[cause]} {words[cause]}" for cause in CAUSES if tally.diverged[cause])
-    return f"lost: {diverged} of {tally.runs} runs diverged ({why})"
+    return f"lost: {diverged} of {tally.runs} run{'s' * (tally.runs > 1)} diverged ({why})"

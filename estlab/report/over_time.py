@@ -1,6 +1,6 @@
 """The pictures of a run over time: errors, NEES and NIS, effective sample size."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 TRUTH, ESTIMATE, BAND, ENSEMBLE = "black", "C0", "C3", "C2"
 _DENSE = 1500  # steps from which a line would be a smear
-_CUT = 10.0  # times as large as the smallest, from which a filter's errors leave a panel
+_CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
 _LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
 _HIGHEST = 1e4  # of a NEES / n that is drawn
 
@@ -46,7 +46,7 @@ def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: r
     for i, axes in zip(shown, panels, strict=True):
         mine = {name: {key: column[i :: space.size] for key, column in one.items()} for name, one in errors.items()}
         if any(np.isfinite(columns["error"]).any() for columns in mine.values()):
-            _draw_component(axes, mine, runs)
+            _draw_component(axes, mine, runs, i in space.angles)
         else:
             _draw_estimates(axes, mine, runs, i in space.angles)
         named(axes, space.names[i], space.units[i])
@@ -57,7 +57,7 @@ def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: r
     return figure
 
 
-def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range) -> None:
+def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
     """Of one component, every filter's error about zero."""
     alone = len(errors) == 1
     for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
@@ -69,13 +69,13 @@ def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range) ->
     first = next(iter(errors.values()))
     if np.isfinite(first["bound"]).any():
         line(axes, first, "bound", color=TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
-    _limit(axes, errors)
+    _limit(axes, errors, len(runs), np.pi if angle else 1e99)
 
 
 def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
     """Of one component whose truth is not known, every filter's estimate."""
     alone = len(errors) == 1
-    edges = []
+    edges, widths = {}, {}
     for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
         of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
         middle = drawable(columns["estimate"])
@@ -86,11 +86,15 @@ def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, an
         line(axes, {**columns, "about": about}, "about", color=colour, lw=_width(columns), label=label)
         known = np.isfinite(middle) & np.isfinite(columns["upper3"])
         if known.any():
-            wide = np.minimum(columns["upper3"][known], np.quantile(columns["upper3"][known], 0.9))
-            edges += [(middle[known] - wide).min(), (middle[known] + wide).max()]
-    if edges and max(edges) > min(edges):
-        room = 0.05 * (max(edges) - min(edges))
-        axes.set_ylim(min(edges) - room, max(edges) + room)
+            widths[name] = float(np.quantile(columns["upper3"][known], 0.9))
+            wide = np.minimum(columns["upper3"][known], widths[name])
+            edges[name] = (middle[known] - wide).min(), (middle[known] + wide).max()
+    _, gone = within_reach(widths, _CUT)
+    ends = [end for name, both in edges.items() if name not in gone for end in both]
+    if ends and max(ends) > min(ends):
+        room = 0.05 * (max(ends) - min(ends))
+        axes.set_ylim(min(ends) - room, max(ends) + room)
+    _say_beyond(axes, gone, widths)
 
 
 def _draw_band(axes: "Axes", columns: Columns, about: Array, colour: str, of: str, alone: bool) -> None:
@@ -117,18 +121,28 @@ def _width(columns: Columns) -> float:
     return 0.7 if columns["time"].size > _DENSE else 1.0
 
 
-def _limit(axes: "Axes", errors: Mapping[str, Columns]) -> None:
+def _limit(axes: "Axes", errors: Mapping[str, Columns], runs: int, most: float) -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel.
 
-    It is that of the filters that hold: one that is lost leaves the panel, which says so.
+    It is that of the filters that hold: one that is far off leaves the panel, which says so. most: the largest error
+    that there is, as of an angle half a turn, which a band may exceed.
     """
     sizes = {name: _settled(columns) for name, columns in errors.items()}
     # A filter that diverged on its way says nothing of the scale, unless each one did.
     whole = [name for name, columns in errors.items() if not np.isnan(columns["estimate"]).any()] or list(errors)
     size, gone = within_reach({name: sizes[name] for name in whole}, _CUT)
-    if np.isfinite(size) and 0.0 < size < 1e99:
+    if len(errors) == 1 and runs > 1 and _any(rmse := next(iter(errors.values()))["rmse"]):
+        sizes[f"RMSE of {runs} runs"] = of_all = float(np.quantile(rmse[np.isfinite(rmse)], 0.9))
+        size = of_all if size < of_all <= _CUT * size else size
+    size = min(size, most)
+    if 0.0 < size < 1e99:
         axes.set_ylim(-1.25 * size, 1.25 * size)
-        gone += [name for name in errors if name not in whole and not sizes[name] <= 1.25 * size]
+        gone += [name for name in sizes if name not in gone and sizes[name] > 1.25 * size]
+    _say_beyond(axes, gone, sizes)
+
+
+def _say_beyond(axes: "Axes", gone: Sequence[str], sizes: Mapping[str, float]) -> None:
+    """Which filters leave the panel, and how far they reach."""
     beyond = ", ".join(f"{name} (±{sizes[name]:.2g})" for name in gone[:3])
     cornered(axes, f"beyond the panel: {beyond}" if beyond else "")
 
@@ -161,8 +175,9 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, t
         values = np.where(broken[column] > 0.0, drawable(broken[column]), np.nan)
         axes.plot(broken["time"], values, style, ms=2, color=tints[name], lw=1.0, label=label)
     band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
-    label = "95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}")
-    axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=short(label))
+    if np.isfinite(band["upper"]).any():  # not of a sample too small to have one
+        label = short("95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}"))
+        axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
     low, high, note = _span(shown, column, 0.005 if dense else 0.0)
     axes.set_yscale("log")

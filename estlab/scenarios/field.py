@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from estlab.datasets import evaluation
+from estlab.datasets import agreement, evaluation
 from estlab.datasets.files import DEFAULTS, Files, Options
 from estlab.maths.gaussian import Gaussian
 from estlab.maths.rows import matrix
@@ -150,7 +150,18 @@ class Field(Scenario):
             found.readings.T[:1, :, None].repeat(len(runs), axis=2),
             found.readings[:, 1].astype(int),
         )
+        remarks += self._agreement(found, str(path))
         return replace(record, files=(path,), remarks=remarks, repeated=True)
+
+    def _agreement(self, found: evaluation.Evaluation, what: str) -> tuple[str, ...]:
+        x, y, heading = found.path.T
+        place = self._places[:, found.readings[:, 1].astype(int)]
+        expected = np.arctan2(place[1] - y, place[0] - x) - heading
+        course = heading + np.append(found.motion[1:, 0], 0.0)
+        return (
+            *agreement.of_readings("bearings", found.readings[:, 0], expected, what, agreement.ANGLE),
+            *agreement.of_lengths(found.motion[1:, 1], x, y, course, what),
+        )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         truth, target = record.truth[:, :, 0], record.readings.target[:, 0]

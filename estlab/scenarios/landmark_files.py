@@ -11,6 +11,7 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 _TOGETHER = 1.0  # [s] within which a robot has hardly moved
+_FEW_KNOWN = 0.2  # of the steps with truth: fewer are not by chance
 _SPREAD = 1.0  # [m] of the landmarks from which a pose is told
 
 
@@ -150,15 +151,24 @@ def _late_start(start: float, gap: float, known: bool) -> tuple[str, ...]:
 
 
 def _agreement(recording: mrclam.Recording, truth: _Truth, command_time: Array, reading_time: Array) -> tuple[str, ...]:
-    pose = truth.at(reading_time)
-    expected = np.hypot(*(recording.landmarks[:, recording.target] - pose[:2]))
-    heading = truth.at(command_time)[2]
+    x, y, heading = truth.at(reading_time)
+    dx, dy = recording.landmarks[:, recording.target] - np.stack([x, y])
+    measurement, odometry = (str(recording.paths[kind]) for kind in ("measurement", "odometry"))
+    distance, bearing = recording.readings
+    v, w = recording.odometry[:, 1:].T
+    px, py, course = truth.at(command_time)
     return (
-        *agreement.of_ranges(recording.readings[0], expected, str(recording.paths["measurement"])),
-        *agreement.of_turns(command_time, recording.odometry[:, 2], heading, str(recording.paths["odometry"])),
+        *agreement.of_readings("ranges", distance, np.hypot(dx, dy), measurement),
+        *agreement.of_each(distance, np.hypot(dx, dy), recording.barcodes[recording.target], measurement),
+        *agreement.of_readings("bearings", bearing, np.arctan2(dy, dx) - heading, measurement, agreement.ANGLE),
+        *agreement.of_lengths(v[:-1] * np.diff(command_time), px, py, course, odometry),
+        *agreement.of_turns(command_time, w, course, odometry),
     )
 
 
 def _truth_remarks(truth: Array) -> tuple[str, ...]:
     place, heading = np.isfinite(truth[0]).mean(), np.isfinite(truth[2]).mean()
-    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}",) if heading < 1.0 else ()
+    few = "; do its clock and that of the commands agree?" if place < _FEW_KNOWN else ""
+    if heading == 1.0:
+        return ()
+    return (f"truth known at {place:.1%} of the steps, its heading trusted at {heading:.1%}{few}",)

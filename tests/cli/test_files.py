@@ -237,15 +237,18 @@ CSV_FAULTS = {
     "missing file": (lambda: Path("made/XYData_cm.csv").unlink(), "made/XYData_cm.csv: no such file"),
     "too few columns": (
         lambda: replace_line("XYData_cm.csv", 9, "1.5"),
-        "made/XYData_cm.csv:9: 1 columns; expected the 2 columns x y",
+        "made/XYData_cm.csv:9: 1 column; expected the 2 columns x y",
     ),
     "too many columns": (lambda: replace_line("HeadingAngle_rad.csv", 4, "1,2"), "made/HeadingAngle_rad.csv:4: 2 col"),
-    "white space for commas": (lambda: replace_line("XYData_cm.csv", 2, "1.0 2.0"), "made/XYData_cm.csv:2: 1 columns"),
+    "white space for commas": (
+        lambda: replace_line("XYData_cm.csv", 2, "1.0 2.0"),
+        "made/XYData_cm.csv:2: 1 column; expected the 2 columns x y; cells are separated by white "
+        "space, and must be by commas",
+    ),
     "not a number": (
         lambda: replace_line("XYData_cm.csv", 7, "1.0,far"),
         "made/XYData_cm.csv:7: y is 'far', not a number",
     ),
-    "empty cell": (lambda: replace_line("XYData_cm.csv", 7, "1.0,"), "made/XYData_cm.csv:7: y is '', not a number"),
     "header": (lambda: replace_line("XYData_cm.csv", 1, "x,y"), "made/XYData_cm.csv:1: x is 'x', not a number"),
     "infinite": (
         lambda: replace_line("HeadingAngle_rad.csv", 3, "inf"),
@@ -486,7 +489,7 @@ ARCHIVE_FAULTS = {
     ),
     "nan": (
         lambda: spoil_archive("noise_free_motion", put((17, 1), np.nan)),
-        "noise_free_motion[17]: trans is nan, not finite; it is needed at every step",
+        "noise_free_motion[17]: trans is nan, not finite; it is needed in every row",
     ),
     "infinite truth": (
         lambda: spoil_archive("real_robot_path", put((3, 0), np.inf)),

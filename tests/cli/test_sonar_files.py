@@ -84,7 +84,7 @@ FAULTS = {
     "nan encoder": (
         GOOD | dict(encoder=structs(u=[U, U * np.nan])),
         TRUTH,
-        DATA + "encoder(2).u: ds is nan, not finite; it is needed at every step",
+        DATA + "encoder(2).u: ds is nan, not finite; it is needed in every row",
     ),
     "encoder in degrees": (
         GOOD | dict(encoder=structs(u=[U, U * [1, 60]])),

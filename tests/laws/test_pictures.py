@@ -1,5 +1,6 @@
 """What pictures do with what is missing, infinite, constant, lost, unknown, many or oddly named. No warning comes."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -185,6 +186,31 @@ def test_a_filter_that_is_far_off_leaves_the_panel_and_it_is_said():
         assert notes(axes) == "beyond the panel: dead_reckoning (±3e+02)"
 
 
+@pytest.mark.parametrize("truth_known", [True, False])
+def test_every_panel_has_the_scale_of_the_filter_that_holds_best(truth_known):
+    def wide(mean, cov) -> None:
+        mean[0] += 4.0  # as wide as four times the best, in one component alone twice
+        cov *= np.array([16.0, 4.0])[:, None, None, None]
+
+    alone = Made(space(2, 2), truth_known=truth_known).drawn()["errors.png"].axes
+    beside = Made(space(2, 2), ekf=covariance(1.0), dead_reckoning=wide, truth_known=truth_known)
+    far, near = beside.drawn()["errors.png"].axes
+    spans = [
+        np.diff(axes.get_ylim())[0] / np.diff(held.get_ylim())[0] for axes, held in zip((far, near), alone, strict=True)
+    ]
+    assert spans[0] == pytest.approx(1.0, rel=0.05)
+    assert notes(far) == "beyond the panel: dead_reckoning (±12)"
+    assert 1.0 < spans[1] < 2.1
+    assert notes(near) == ""
+
+
+def test_an_error_of_an_angle_is_drawn_to_half_a_turn_and_its_band_cut():
+    turning = Space(("heading",), ("rad",), angles=(0,))
+    (axes,) = Made(turning, dead_reckoning=covariance(9.0)).drawn()["errors.png"].axes
+    assert axes.get_ylim()[1] == pytest.approx(1.25 * np.pi)
+    assert notes(axes) == "beyond the panel: dead_reckoning (±9)"
+
+
 def test_a_nees_without_bounds_leaves_its_axis_and_it_is_said():
     drawn = Made(space(2, 2), ekf=covariance(1.0), pf=covariance(1e-120)).drawn()
     (axes,) = drawn["nees.png"].axes
@@ -269,3 +295,29 @@ def test_runs_over_one_recording_are_beside_each_other():
     off = np.hypot(*(made.arrays["mean"] - made.arrays["truth"][..., :1]))
     np.testing.assert_allclose([line.get_ydata() for line in right.get_lines()], off.T, rtol=1e-12)
     assert "repeats.png" not in made.drawn(repeated=False)
+
+
+def test_an_rmse_of_all_runs_that_the_first_run_is_far_from_is_seen_or_said():
+    def others(factor: float):
+        def change(mean, cov) -> None:
+            mean[0, :, 1:] += factor
+
+        return change
+
+    near, _ = Made(space(2, 2), pf=others(6.0)).drawn()["errors.png"].axes
+    assert near.get_ylim()[1] > 6.0
+    assert notes(near) == ""
+    far, beside = Made(space(2, 2), pf=others(60.0)).drawn()["errors.png"].axes
+    assert far.get_ylim()[1] == pytest.approx(beside.get_ylim()[1], rel=0.2)
+    assert re.fullmatch(rf"beyond the panel: RMSE of {RUNS} runs \(±\d+\)", notes(far))
+
+
+def test_a_statistic_without_a_law_has_no_band_in_its_picture():
+    made = Made(space(2, 2), pf=covariance(1.0))
+    labels = [text.get_text() for text in made.drawn()["nees.png"].legends[0].get_texts()]
+    assert "95 % of a consistent filter" in labels
+    for bound in ("lower", "upper"):
+        made.tables[rundir.NEES]["pf"][bound] = np.full_like(made.tables[rundir.NEES]["pf"][bound], np.nan)
+    labels = [text.get_text() for text in made.drawn()["nees.png"].legends[0].get_texts()]
+    assert [label for label in labels if "95 %" in label] == []
+    assert len(labels) == 1
