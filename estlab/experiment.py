@@ -187,7 +187,7 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
         raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
     if settings.dropped:
         raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
-    if settings.data.path is None:
+    if not settings.data.path:
         raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
     folder = Path(settings.data.path)
     record = record_of(settings, names, range(1))
