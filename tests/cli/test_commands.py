@@ -286,7 +286,7 @@ def test_a_reader_that_leaves_does_not_end_the_run():
 
 
 def test_several_filters_meet_the_same_truth_and_readings(capsys):
-    assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY]) == 0
+    assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY, "plots=false"]) == 0
     assert latest().name.endswith("_landmark_ekf-ukf")
     metrics = pd.read_csv(latest() / "metrics.csv")
     assert list(dict.fromkeys(metrics["filter"])) == ["ekf", "ukf"]
@@ -310,7 +310,7 @@ def test_order_of_filters_changes_no_figure():
 
 
 def test_smoothing_is_a_second_set_of_tables(capsys):
-    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60"]) == 0
+    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60", "plots=false"]) == 0
     metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
     assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
     # The bound is of the readings so far, which a smoother is not bound by.

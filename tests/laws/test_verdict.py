@@ -197,6 +197,10 @@ def test_a_cloud_that_is_small_because_readings_are_worse_than_the_filter_has_th
     sampled = replace(found, sample=np.stack([size, 1.0 - 1.0 / size]), cov=found.cov * 0.1)
     white = verdict(told(record, sampled, 2.0 * innovations(30, 60)), "filter.particles")
     assert (white.word, white.key) == (OVERCONFIDENT, "")
+    few = replace(sampled, sample=np.stack([np.full((60, 30), 5.0), np.full((60, 30), 0.8)]))
+    fewer = verdict(told(record, few, 2.0 * innovations(30, 60)), "filter.particles")
+    assert fewer.key == ""
+    assert "raise" not in fewer.sentence
     stuck = verdict(told(record, sampled, 2.0 * innovations(30, 60, 1, 0.6)), "filter.particles")
     assert (stuck.word, stuck.key) == (STARVED, "filter.particles")
 
