@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from estlab.errors import UserError
 from estlab.given import other_data
 from estlab.path_arguments import home, is_path, quoted_path
+from estlab.paths import groups
 
 CONFIG_DIR = ("--config-dir", "-cd")
 
@@ -17,6 +18,7 @@ _WITH_VALUE = {
     **dict.fromkeys(("--config-name", "-cn"), "--config-name"),
     **dict.fromkeys(CONFIG_DIR, "--config-dir"),
 }
+_CFG_OF = ("job", "hydra", "all")
 _INFO, _INFO_ON = ("--info", "-i"), ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 _FLAGS = {
     *("--help", "-h", "--hydra-help", "--version", "--resolve", "--run", "-r", "--multirun", "-m"),
@@ -29,6 +31,7 @@ OF_A_SWEEP = ("expect=null", "expect_files=null", "report=false")
 # of that recording, under expect_files, does.
 _OF_OTHER_DATA = ("expect=null", "runs=1")
 
+_NO_NAME = re.compile(r"\s*(null|true|false|\?\?\?|[-+]?([\d.]+(e[-+]?\d+)?|inf|nan))\s*", re.IGNORECASE)
 _DIGITS = 1000  # of a number, for which Python has a limit of its own
 _DEEPEST = 20  # brackets in a value, of which no key has more than a few
 
@@ -46,13 +49,16 @@ _NEEDS = {
 def prepared(arguments: list[str]) -> list[str]:
     """The arguments as Hydra takes them: flags first, each with its value in one word, then keys.
 
-    Raises UserError for a flag that there is not, for an output that is no folder, and for a value nested too deep.
+    Raises UserError for a flag that there is not, for a folder without a name, and for a value nested too deep.
     """
     flags, words = parted(arguments)
     sweep = is_sweep(flags, words)
     for word in words:
-        if re.fullmatch(r"output=(null|''|\"\"|)", word):
-            raise UserError(f"{word}: output must be a folder, for example output=runs")
+        if not word.partition("=")[0].strip("+~ "):
+            raise UserError(f"{word!r}: write key=value")
+        if none := re.fullmatch(r"\+*(output|sweep\.dir|hydra\.(?:run|sweep)\.dir)=(?:null|''|\"\"|\?\?\?|\s*)", word):
+            raise UserError(f"{word}: {none[1]} must be a folder, for example {none[1]}=runs")
+        _check_choice(word)
         _check_size(word)
         _check_installed(word)
     words = [quoted_path(word, sweep) for word in _file_names(_expectations(_several_filters(words)))]
@@ -75,15 +81,27 @@ def parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
             raise UserError(f"there is no flag {argument}; {_instead(argument)}")
         elif flag in _INFO:
             found = value if equals else rest.pop(0) if rest and rest[0] in _INFO_ON else "all"
+            _check_among(flag, found, _INFO_ON)
             flags.append(f"--info={found}")
         elif flag not in _WITH_VALUE:
+            if equals:
+                raise UserError(f"{flag} takes no value; write {flag}")
             flags.append(argument)
         elif not (value or rest):
             raise UserError(f"{flag} takes a value")
         else:
             value = value if equals else rest.pop(0)
+            if _WITH_VALUE[flag] == "--cfg":
+                _check_among(flag, value, _CFG_OF)
             flags.append(f"{_WITH_VALUE[flag]}={home(value) if flag in CONFIG_DIR else value}")
     return flags, words
+
+
+def _check_among(flag: str, value: str, known: Sequence[str]) -> None:
+    from estlab.config import nearest
+
+    if value not in known:
+        raise UserError(f"{flag} takes {', '.join(known)}; got {value}{nearest(value, known)}")
 
 
 def _instead(argument: str) -> str:
@@ -103,6 +121,16 @@ def is_sweep(flags: Sequence[str], words: Sequence[str]) -> bool:
     """Whether these make a sweep."""
     mode = any(re.fullmatch(r"\+*hydra\.mode=.*MULTIRUN.*", word) for word in words)
     return mode or bool({"-m", "--multirun"} & set(flags))
+
+
+def _check_choice(word: str) -> None:
+    """A group's choice is a name, or names in a list; Hydra's own words for what is none name no key."""
+    key, _, value = word.partition("=")
+    if key.lstrip("+").partition("@")[0] not in groups():
+        return
+    for name in re.split(r"[\[\],]", value):
+        if _NO_NAME.fullmatch(name) or re.match(r"\s*\[\s*\[", value):
+            raise UserError(f"{word}: write the name of one (see estlab list)")
 
 
 def _check_size(word: str) -> None:

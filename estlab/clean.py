@@ -120,10 +120,10 @@ def _read(arguments: Sequence[str]) -> Wanted:
     if is_run(folder) or (folder / _PLAN).exists():
         raise UserError(f"{folder}: is a run or sweep itself; name the folder that it is in")
     longer, keep = given.get("--older-than"), given.get("--keep-last")
-    age = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?)([smhdw])", longer) if longer is not None else None
+    age = re.fullmatch(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)([smhdw])", longer) if longer is not None else None
     if longer is not None and not age:
         raise UserError(f"--older-than takes a number and s, m, h, d or w, for example 7d; got {longer!r}")
-    if keep is not None and not re.fullmatch(r"[1-9]\d{0,8}", keep):
+    if keep is not None and not re.fullmatch(r"[1-9][0-9]{0,8}", keep):
         raise UserError(f"--keep-last takes a whole number from 1, got {keep!r}")
     seconds = float(age[1]) * _SECONDS[age[2]] if age else None
     return Wanted(folder, "--failed" in given, seconds, int(keep) if keep else None, "--yes" in given)

@@ -6,6 +6,14 @@ from collections.abc import Sequence
 
 from estlab.errors import PluginError, UserError
 from estlab.known_keys import known_keys
+from estlab.paths import groups
+
+# What Hydra says of places of configuration that are not there, by the flag that names them.
+_PLACES = {
+    "--config-dir": ("folder", r"Additional config directory '(.*)' not found"),
+    "--config-name": ("configuration", r"Cannot find primary config '(.*?)'"),
+    "--config-path": ("folder or module", r"config (?:directory|module) '(.*?)'"),
+}
 
 
 def one_line(error: Exception, arguments: Sequence[str]) -> str:
@@ -13,20 +21,31 @@ def one_line(error: Exception, arguments: Sequence[str]) -> str:
 
     arguments: as Hydra took them.
     """
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, PluginError):
         return f"{error}; HYDRA_FULL_ERROR=1 shows the traceback"
     text = "\n".join(filter(None, [str(error), str(error.__cause__ or "")]))
-    if folder := re.search(r"Additional config directory '(.*)' not found", text):
-        return f"--config-dir: there is no folder {folder[1]}"
-    for explain in (_unknown_key, _unknown_option, _no_list):
+    for flag, (kind, missing) in _PLACES.items():
+        if found := re.search(missing, text):
+            return f"{flag}: there is no {kind} {found[1]}"
+    if several := re.search(r"Ambiguous value for argument '(.*?)'\n", text, re.DOTALL):
+        return f"{several[1]}: a run takes one value, estlab sweep several; a list is written in brackets, [a,b]"
+    for explain in (_unknown_key, _unknown_option, _no_list, _of_another_kind, _taken_away):
         if said := explain(text, arguments):
             return said
     if re.search(r"Lexer|Error parsing override|OverrideParse", f"{type(error).__name__} {text}"):
         return f"{_unparsed(arguments)}: write key=value, with quotes around values that have other signs in them"
-    said = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-    return said if isinstance(error, ValueError) and said else f"{type(error).__name__}: {said}"
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    key = next((f"{line.removeprefix('full_key: ')}: " for line in lines if line.startswith("full_key: ")), "")
+    said = key + "; ".join(line for line in lines if not re.match("full_key: |(object|reference)_type=", line))
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'the system'}: {error.strerror}"
+    speaks_for_itself = isinstance(error, ValueError | HydraException | OmegaConfBaseException)
+    return said if speaks_for_itself and said else f"{type(error).__name__}: {said}"
 
 
 def _unknown_key(text: str, arguments: Sequence[str]) -> str:
@@ -58,7 +77,10 @@ def _unknown_option(text: str, arguments: Sequence[str]) -> str:
     match = re.search(listed, text, re.DOTALL)
     if not match:
         return ""
-    group, _, option = match[1].rpartition("/")
+    group = max(
+        (one for one in groups() if match[1].startswith(f"{one}/")), key=len, default=match[1].rpartition("/")[0]
+    )
+    option = match[1].removeprefix(f"{group}/")
     options = (match[2] or "").split()
     among = f" (one of {', '.join(options)})" if options else ""
     return f"there is no {group or 'config'} {option}{nearest(option, options)}{among}"
@@ -73,6 +95,27 @@ def _no_list(text: str, arguments: Sequence[str]) -> str:
         if dot and not rest and stem.startswith("expect."):
             return f"{key}: {stem} is a list here; replace it whole, as {stem}={{{match[1]}: {value}}}"
     return ""
+
+
+def _of_another_kind(text: str, arguments: Sequence[str]) -> str:
+    match = re.search(r"Error merging override (.*?)\n([^\n]+)(?:\n    full_key|\Z)", text, re.DOTALL)
+    if not match:
+        return ""
+    word, why = match.groups()
+    if "DictConfig with ListConfig" in why:
+        value = word.partition("=")[2].strip()
+        why = "is a list; write key=[...]" if value.startswith("{") else "is a group of keys; write key={...}"
+        why = why.replace("key=", f"{word.partition('=')[0]}=")
+    return f"{word}: {why}"
+
+
+def _taken_away(text: str, arguments: Sequence[str]) -> str:
+    """Of a key or a choice that others are made of."""
+    choice = re.search(r"hydra[:.]runtime\.choices\.(\w+)", text)
+    key = re.search(r"Key '[^']+' is not in struct\s+full_key: ([\w.]+)", text)
+    if choice:
+        return f"{choice[1]} is missing, which a run cannot do without; write {choice[1]}=NAME (see estlab list)"
+    return f"{key[1]} is missing, which other keys are made of" if key else ""
 
 
 def _unparsed(arguments: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """What Hydra composed for a run or a job, as plain data and as objects."""
 
+from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, cast
 
@@ -53,14 +54,18 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
 
     hydra = HydraConfig.get()
     plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
-    if hydra.job.chdir and plain["data"]["path"]:
-        plain["data"]["path"] = str(Path(raw(hydra.runtime)["cwd"]) / plain["data"]["path"])
+    data = plain.get("data")
+    if hydra.job.chdir and isinstance(data, dict) and data.get("path"):
+        data["path"] = str(Path(raw(hydra.runtime)["cwd"]) / str(data["path"]))
     words = typed()
     chosen = [word for word in words if word.startswith("filter=")]
-    if plain["filters"] and chosen and not any("filter@filters" in word for word in words):
-        theirs = ",".join(plain["filters"])
+    filters = plain.get("filters")
+    if not isinstance(filters, Mapping):
+        filters = {}  # what is none is said where it is built
+    if filters and chosen and not any("filter@filters" in word for word in words):
+        theirs = ",".join(filters)
         raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
-    given.refuse_single_filter(words, plain["filters"])
+    given.refuse_single_filter(words, filters)
     folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     stated = given.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
     if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):

@@ -5,6 +5,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from estlab import yaml_bounds
 from estlab.errors import UserError
 from estlab.path_arguments import PATHS, home
+from estlab.paths import conf_folder
 from estlab.targets import located
 
 # What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
@@ -36,6 +38,27 @@ def install() -> None:
     """From now on Hydra composes by what is here, in this process and in those that are given its jobs."""
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
+    hydras_own.Hydra = Hydra  # type: ignore[misc]
+
+
+class Hydra(hydras_own.Hydra):
+    """Hydra's own, which composes everything once more to know its mode, though no file of estlab's states one."""
+
+    def get_mode(self, config_name: str | None, overrides: list[str]) -> Any:
+        places = {str(place.path) for place in self.config_loader.get_search_path().get_path()}
+        ours = {"pkg://hydra.conf", str(conf_folder()), "structured://"}
+        if config_name == "config" and places <= ours and not any(map(may_state_a_mode, overrides)):
+            return None
+        return super().get_mode(config_name, overrides)
+
+
+def may_state_a_mode(word: str) -> bool:
+    """Whether it does, or chooses a file that may: one that has not just the name of a shipped one."""
+    key, _, value = word.strip().lstrip("+~").partition("=")
+    group = key.partition("@")[0]
+    if (conf_folder() / group).is_dir():
+        return not re.fullmatch(r"[\w,\[\] ]*", value)
+    return "/" in group or bool(re.match(r"hydra(\.mode|\.searchpath|$)", group))
 
 
 class FileConfigSource(hydras_files.FileConfigSource):
@@ -99,6 +122,15 @@ def check(config: DictConfig) -> None:
             _check_target(where, value, allowed)
         elif path.startswith(("hydra.job_logging", "hydra.hydra_logging")):
             _check_logging(where, key, value, allowed)
+    _check_callbacks(config.hydra.callbacks)
+
+
+def _check_callbacks(callbacks: Any) -> None:
+    for name in callbacks:
+        with suppress(OmegaConfBaseException):
+            if isinstance(callbacks[name], DictConfig) and isinstance(callbacks[name].get("_target_"), str):
+                continue
+        raise UserError(f"hydra.callbacks.{name} names no class; write +hydra.callbacks.{name}._target_=PACKAGE.CLASS")
 
 
 def _values(node: Any, path: str) -> Iterator[tuple[str, str, Any]]:

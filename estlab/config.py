@@ -194,7 +194,7 @@ class _Builder:
                 return made
             if is_dataclass(hint):
                 return self.construct(typing.cast(Callable[..., Any], hint), value, path)
-            if inspect.isclass(hint):
+            if inspect.isclass(hint) and hint.__module__ != "builtins":
                 raise UserError(f"{path}._target_ is missing, the class or function that makes it")
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin in (Union, types.UnionType):

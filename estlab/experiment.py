@@ -144,10 +144,12 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     attempts = Attempts(directory, settings.plugins)
     found = results.written(settings, names, ensemble, title, attempts)
     where = str(_short(directory.path))
-    show = partial(terminal.summary, title, found.findings, found.compared, found.own)
+    attempts.show("tables on the terminal", partial(terminal.summary, title, found.findings, found.compared, found.own))
     known = expectations.of_recording(settings.expect_files, [one["sha256"] for one in hashes])
     remarks = [*first.remarks, *_set_aside(names, bool(known))]
-    attempts.show("summary", lambda: show([*remarks, *attempts.remarks()], where))
+    attempts.show(
+        "verdicts on the terminal", lambda: terminal.ending(found.findings, [*remarks, *attempts.remarks()], where)
+    )
     held = _hold_to(expectations.over(known, settings.expect), found, attempts)
     directory.describe(missing=attempts.missing)
     attempts.complete()
@@ -185,7 +187,7 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
         raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
     if settings.dropped:
         raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
-    if settings.data.path is None:
+    if not settings.data.path:
         raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
     folder = Path(settings.data.path)
     record = record_of(settings, names, range(1))

@@ -66,5 +66,5 @@ class Sweep:
         for name in ("trials", "batch"):
             if not 1 <= getattr(self, name) <= 100_000:
                 raise ValueError(f"{name} must be from 1 to 1e5, got {getattr(self, name)}")
-        if self.timeout is not None and self.timeout <= 0.0:
-            raise ValueError(f"timeout must be > 0, got {self.timeout}")
+        if self.timeout is not None and not 0.0 < self.timeout <= 1e9:
+            raise ValueError(f"timeout must be > 0 and at most 1e9, got {self.timeout:g}")

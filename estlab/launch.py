@@ -191,7 +191,7 @@ def simulate_job(config: "DictConfig") -> int:
     from estlab import composed, experiment
 
     settings, names = composed.settings_of(config)
-    if settings.data.path is None:
+    if not settings.data.path:
         raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
     for path in experiment.simulate(settings, names):
         print(printable(str(path)))

@@ -89,7 +89,9 @@ def _read(arguments: Sequence[str]) -> Wanted:
             raise UserError(f"estlab rerun has no flag {word}; see estlab rerun --help")
         if not equals or Path(word).exists():
             folders.append(Path(word))
-        elif key not in _KEYS or not value:
+        elif key in _KEYS and not value:
+            raise UserError(f"{word}: {key} takes a value; leave it out for none")
+        elif key not in _KEYS:
             near = nearest(key, _KEYS)
             raise UserError(f"{word}: estlab rerun runs what was run; it takes {', '.join(_KEYS)} alone{near}")
         else:
@@ -103,9 +105,9 @@ def _read(arguments: Sequence[str]) -> Wanted:
         raise UserError(f"plugins={plugins}: write a list, for example plugins=[mine]")
     typed = [name.strip() for name in match[1].split(",") if name.strip()]
     output = keys.get("output", "runs")
-    cores = int(keys["cores"]) if keys.get("cores", "").isdecimal() else None
+    cores = int(keys["cores"]) if re.fullmatch("[1-9][0-9]{0,8}", keys.get("cores", "")) else None
     if cores is None and keys.get("cores", "null") != "null":
-        raise UserError(f"cores={keys['cores']}: write a whole number, for example cores=1")
+        raise UserError(f"cores={keys['cores']}: write a whole number from 1, for example cores=1")
     return Wanted(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
 
 
@@ -168,7 +170,8 @@ def _settings(before: "Finished", config: Mapping[str, Any], wanted: Wanted) -> 
     except UserError as error:
         theirs = before.config.get("plugins")
         hint = f" (its own plugins, {theirs}, do not count: type those that you trust)" if theirs else ""
-        raise UserError(f"{before.path / rundir.CONFIG}: {error}{hint}") from error
+        where = "" if str(error).startswith("plugins: ") else f"{before.path / rundir.CONFIG}: "  # those are typed
+        raise UserError(f"{where}{error}{hint}") from error
     return settings, names
 
 

@@ -254,8 +254,9 @@ def _no_innovations(tally: Tally) -> str:
 def _unscored(tally: Tally, moments: Moments) -> str:
     if int(moments.count):
         return ""
-    broke = tally.diverged["not_finite"] or tally.diverged["not_definite"]
-    return "nothing could be scored" if broke else "the truth is not known"
+    if tally.diverged["not_definite"]:
+        return "no covariance is definite"
+    return "no estimate is finite" if tally.diverged["not_finite"] else "the truth is not known"
 
 
 def sample_too_small(tally: Tally) -> str:

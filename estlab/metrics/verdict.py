@@ -72,8 +72,8 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
     answered = [test.adjusted for test in tests if np.isfinite(test.adjusted)]
     p = min(answered, default=np.nan)
     sample = _sample(tally, sampled_key)
-    more = f"; raise {sampled_key}" if sample else ""
-    key = sampled_key if sample else ""
+    key = sampled_key if sample and _is_to_blame(by, faults) else ""
+    more = f"; raise {key}" if key else ""
     if diverged and diverged >= tolerance.lost * tally.runs:
         return Verdict(LOST, f"{_lost(tally, diverged)}{f', {sample}' if sample else ''}{more}", key, p)
     word = _word(by, faults, explained_by_bias(tally) if BIAS in faults else 0.0)
@@ -83,10 +83,9 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
         unjudged = [] if NEES in faults else [_nees(tally)]
         return Verdict(STARVED, f"starved: {', '.join([sample, *unjudged, *figures])}{more}", key, p)
     if INSIDE in faults:
-        more, key = (more, key) if sample and _is_to_blame(tally, by, faults) else ("", "")
         return Verdict(OVERCONFIDENT, f"{word}: {', '.join([figures[0], _nees(tally), *figures[1:]])}{more}", key, p)
     if sample and sample_too_small(tally):
-        more = f"; {sample}, and a test of NEES needs {LEAST_EFFECTIVE}: {_enough(tally, sampled_key)}"
+        more = f"; {sample}, and a test of NEES needs {LEAST_EFFECTIVE}{_enough(tally, key)}"
     else:
         more = key = ""
     if word == CONSISTENT and not answered:
@@ -110,7 +109,8 @@ def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
     if INSIDE in faults:
         return OVERCONFIDENT
     nees = by[NEES].found.value if NEES in faults else 1.0
-    if BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
+    size_known = np.isfinite(by[NEES].p) or NIS not in faults
+    if size_known and BIAS in faults and nees >= 1.0 and explained >= 0.5 * (nees - 1.0):
         return BIASED
     for name in (NEES, NIS):
         if name in faults:
@@ -127,21 +127,21 @@ def _is_starved(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
     covariance says nothing, or if NEES is larger than so few drawn from the truth's own law would have it. Where
     shares inside 3 sigma tell how wrong the cloud is, they are what is reported.
     """
-    if INSIDE in faults or not _is_to_blame(tally, by, faults):
+    n, size = tally.space.size, _fewest(tally)
+    if INSIDE in faults or not (size <= n + 4 or _is_to_blame(by, faults)):
         return False
     if not sample_too_small(tally):
         return BIAS in faults if NEES not in faults else by[NEES].found.value > 1.0
-    n, size = tally.space.size, _fewest(tally)
     return size <= n + 4 or positive_interval(nees_of(tally)[1]).low > (size + 1.0) / (size - n - 2.0)
 
 
-def _is_to_blame(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
+def _is_to_blame(by: dict[str, Test], faults: set[str]) -> bool:
     """Whether a small cloud may be why errors are too large: not where innovations are too large and white or worse.
 
     A cloud that lost its states stays on one side of the readings, so that innovations correlate. Where they do not,
     readings are worse than the filter takes them for, and it is that which makes the cloud small.
     """
-    if _fewest(tally) <= tally.space.size + 4 or NIS not in faults or by[NIS].found.value < 1.0:
+    if NIS not in faults or by[NIS].found.value < 1.0:
         return True
     return by[WHITENESS].rejected and by[WHITENESS].found.value > 0.0
 
@@ -158,12 +158,13 @@ def _sample(tally: Tally, key: str) -> str:
     states, found = key.rpartition(".")[2], f"{_fewest(tally):.3g}"
     if states == "members":
         return f"{found} members are too few"
+    states = states.removesuffix("s") if found == "1" else states
     return f"the cloud fell to {found} effective {states}{'' if tally.runs == 1 else ' on average'}"
 
 
 def _enough(tally: Tally, key: str) -> str:
-    """What would do: the effective size grows with the sample."""
-    return f"raise {key} by a factor of {math.ceil(LEAST_EFFECTIVE / _fewest(tally))}"
+    """What would do, if a key is given: the effective size grows with the sample."""
+    return f": raise {key} by a factor of {math.ceil(LEAST_EFFECTIVE / _fewest(tally))}" if key else ""
 
 
 def _advice(word: str, by: dict[str, Test], faults: set[str], sampled: bool) -> tuple[str, str]:

@@ -69,7 +69,7 @@ def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range, an
     first = next(iter(errors.values()))
     if np.isfinite(first["bound"]).any():
         line(axes, first, "bound", color=TRUTH, lw=1.2, ls=":", label="Cramér-Rao bound")
-    _limit(axes, errors, np.pi if angle else 1e99)
+    _limit(axes, errors, len(runs), np.pi if angle else 1e99)
 
 
 def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
@@ -121,7 +121,7 @@ def _width(columns: Columns) -> float:
     return 0.7 if columns["time"].size > _DENSE else 1.0
 
 
-def _limit(axes: "Axes", errors: Mapping[str, Columns], most: float) -> None:
+def _limit(axes: "Axes", errors: Mapping[str, Columns], runs: int, most: float) -> None:
     """A scale on which the settled part is seen: an opening ten times as uncertain may leave the panel.
 
     It is that of the filters that hold: one that is far off leaves the panel, which says so. most: the largest error
@@ -131,10 +131,13 @@ def _limit(axes: "Axes", errors: Mapping[str, Columns], most: float) -> None:
     # A filter that diverged on its way says nothing of the scale, unless each one did.
     whole = [name for name, columns in errors.items() if not np.isnan(columns["estimate"]).any()] or list(errors)
     size, gone = within_reach({name: sizes[name] for name in whole}, _CUT)
+    if len(errors) == 1 and runs > 1 and _any(rmse := next(iter(errors.values()))["rmse"]):
+        sizes[f"RMSE of {runs} runs"] = of_all = float(np.quantile(rmse[np.isfinite(rmse)], 0.9))
+        size = of_all if size < of_all <= _CUT * size else size
     size = min(size, most)
     if 0.0 < size < 1e99:
         axes.set_ylim(-1.25 * size, 1.25 * size)
-        gone += [name for name in errors if name not in gone and sizes[name] > 1.25 * size]
+        gone += [name for name in sizes if name not in gone and sizes[name] > 1.25 * size]
     _say_beyond(axes, gone, sizes)
 
 
@@ -172,8 +175,9 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, t
         values = np.where(broken[column] > 0.0, drawable(broken[column]), np.nan)
         axes.plot(broken["time"], values, style, ms=2, color=tints[name], lw=1.0, label=label)
     band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
-    label = "95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}")
-    axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=short(label))
+    if np.isfinite(band["upper"]).any():  # not of a sample too small to have one
+        label = short("95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}"))
+        axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
     low, high, note = _span(shown, column, 0.005 if dense else 0.0)
     axes.set_yscale("log")

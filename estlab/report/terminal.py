@@ -34,10 +34,8 @@ def summary(
     findings: Mapping[str, Findings],
     compared: Sequence[Mapping[str, Any]],
     own: Mapping[str, Sequence[Any]],
-    remarks: Sequence[str],
-    where: str,
 ) -> None:
-    """Print the result: a line a component for one filter, a line a filter for several; the problem's own; the path."""
+    """Print the tables: a line a component for one filter, a line a filter for several; the problem's own."""
     out = console()
     out.print(Text(title, style="bold"), soft_wrap=True)
     if len(findings) == 1:
@@ -58,10 +56,17 @@ def summary(
         for cells in zip(*own.values(), strict=True):
             table.add_row(*(cell if isinstance(cell, str) else _cell(cell) for cell in cells))
         out.print(table)
+    if said := _selected(findings):
+        out.print(Text(f"note: {said}"), soft_wrap=True)
+
+
+def ending(findings: Mapping[str, Findings], remarks: Sequence[str], where: str) -> None:
+    """Print the verdicts, the remarks and the path: whatever became of the tables."""
+    out = console()
     for name, found in findings.items():
         if found.verdict:
             out.print(Text(f"{name} is {found.verdict.sentence}", style="bold"), soft_wrap=True)
-    for remark in [*_selected(findings), *remarks]:
+    for remark in remarks:
         out.print(Text(f"note: {remark}"), soft_wrap=True)
     out.print(Text(where), soft_wrap=True)
 
@@ -101,10 +106,10 @@ def _shown(findings: Collection[Findings]) -> list[str]:
     return [*(names[i] for i in few), *(name for name in rmse if name not in names)]
 
 
-def _selected(findings: Mapping[str, Findings]) -> list[str]:
+def _selected(findings: Mapping[str, Findings]) -> str:
     names, few = _names(findings.values())
     said = selection(few, len(names))
-    return [f"{said}; {METRICS} has all"] if said else []
+    return f"{said}; {METRICS} has all" if said else ""
 
 
 def _ratio(found: Findings, component: str) -> float:

@@ -154,9 +154,14 @@ def _write(content: bytes, stream: BinaryIO) -> None:
 
 
 def link_latest(path: Path, root: Path) -> None:
-    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without."""
+    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without.
+
+    What has the name and is no link is somebody's, and stays.
+    """
     with contextlib.suppress(OSError):
         if not path.resolve().is_relative_to(root.resolve()):
+            return
+        if os.path.lexists(root / "latest") and not (root / "latest").is_symlink():
             return
         link = root / f".latest.{os.getpid()}"
         try:

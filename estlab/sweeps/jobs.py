@@ -1,15 +1,18 @@
 """From the words of a sweep to its jobs, each composed once to know its name and its figures' fingerprint."""
 
+import os
 from collections.abc import Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from estlab import rundir
 from estlab.blocks import block_count
 from estlab.composed import described
 from estlab.config import build
 from estlab.errors import UserError
 from estlab.groups import Sweep
 from estlab.quoting import unquoted
+from estlab.sweeps import split, state
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
 
@@ -19,6 +22,9 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from estlab.ensemble import Names
+
+_FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # of the sweep itself
+_NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds
 
 
 def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: Sweep) -> list[Planned]:
@@ -84,7 +90,10 @@ def _values(override: "Override") -> list[str]:
         )
     if getattr(override.value(), "shuffle", False):
         raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
-    values = list(islice(override.sweep_string_iterator(), MOST + 1))
+    try:
+        values = list(islice(override.sweep_string_iterator(), MOST + 1))
+    except ValueError as error:
+        raise UserError(f"{word}: {error}") from error
     if not values:
         raise UserError(f"{word}: gives no value")
     return values
@@ -115,10 +124,21 @@ def composed(
         plain, names = described(job_config)
     finally:
         HydraConfig.instance().cfg = before
+    _check_folder(name)
     shown = {key: unquoted(value) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, limits.split_runs)
     return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
+
+
+def _check_folder(name: str) -> None:
+    """Raise UserError where a job's folder would be no folder of its own in the sweep's."""
+    of_the_sweep = name in _FOLDERS or name.startswith(".") or name.endswith((".json", ".csv", ".html"))
+    if not name or of_the_sweep or len(os.fsencode(name)) > _NAME_BYTES:
+        raise UserError(
+            f"hydra.sweep.subdir gives a job the folder {name!r}, which it cannot have; "
+            "leave it out, or write it with ${hydra:job.num}"
+        )
 
 
 def _parts(plain: dict[str, Any], most: int) -> int:

@@ -14,16 +14,21 @@ _DONE_WITH = ("sweep.dir", "hydra.sweep.dir", "sweep.dry_run")
 
 def without_own_flags(arguments: Sequence[str]) -> list[str]:
     """The arguments with --dry-run as a key, and --resume DIR as the words of the sweep there."""
-    words = ["sweep.dry_run=true" if word == "--dry-run" else word for word in arguments]
-    at = next((i for i, word in enumerate(words) if word.partition("=")[0] == "--resume"), None)
-    if at is None:
-        return words
-    _, equals, folder = words[at].partition("=")
-    more = words[:at] + words[at + 1 + (not equals) :]
-    folder = folder if equals else (words[at + 1 :] or [""])[0]
-    if not folder or (folder.startswith("-") and not equals):
-        raise UserError("--resume takes the directory of a sweep, as in estlab sweep --resume runs/latest")
+    at = [i for i, word in enumerate(arguments) if word.partition("=")[0] == "--resume"]
+    if not at:
+        return _with_keys(arguments)
+    _, equals, folder = arguments[at[0]].partition("=")
+    more = _with_keys([*arguments[: at[0]], *arguments[at[0] + 1 + (not equals) :]])
+    folder = folder if equals else "".join(arguments[at[0] + 1 : at[0] + 2])
+    if not folder or len(at) > 1 or (folder.startswith("-") and not equals):
+        raise UserError("--resume takes the directory of a sweep, once, as in estlab sweep --resume runs/latest")
+    if place := next((word for word in more if _key(word) in ("sweep.dir", "hydra.sweep.dir")), ""):
+        raise UserError(f"{place}: --resume says which directory; leave one of them out")
     return [*_words_of(Path(home(folder)), more), *more]
+
+
+def _with_keys(arguments: Sequence[str]) -> list[str]:
+    return ["sweep.dry_run=true" if word == "--dry-run" else word for word in arguments]
 
 
 def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:

@@ -156,17 +156,18 @@ def at_work(sweep: Path, name: str) -> int | None:
     return int(stamp["pid"]) if elsewhere else None
 
 
-def set_aside(sweep: Path, name: str) -> None:
+def set_aside(sweep: Path, name: str, whatever: bool = False) -> None:
     """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed.
 
-    What stands in the job's place and is no directory of a run, as a link, goes there too.
+    What stands in the job's place and is no directory of a run, as a link, goes there too. whatever: a folder that no
+    run has begun in as well.
 
     Raises OSError where a folder on the way is a link.
     """
     place = PurePath(name)
     with contextlib.suppress(FileNotFoundError), files.folder(sweep, place.parent) as above:
         there = stat.S_ISDIR(os.stat(place.name, dir_fd=above, follow_symlinks=False).st_mode)
-        if there and not files.has(sweep, str(place / rundir.STATUS)):
+        if there and not whatever and not files.has(sweep, str(place / rundir.STATUS)):
             return
         with files.folder(sweep, ATTEMPTS / place.parent, make=True) as kept:
             taken = set(files.names(sweep, ATTEMPTS / place.parent))
@@ -273,7 +274,8 @@ def plan_of(sweep: Path) -> dict[str, Any]:
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         plan = json.loads(files.read(sweep, PLAN, _PLAN_BYTES))
         words, folder, jobs = plan["arguments"], plan["folder"], plan["jobs"]
-        if all(isinstance(word, str) for word in [*words, folder, *(job["name"] for job in jobs)]):
+        names = [text for job in jobs for text in (job["name"], job["fingerprint"])]
+        if all(isinstance(word, str) for word in [*words, folder, *names]):
             return dict(plan)
     raise UserError(
         f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"

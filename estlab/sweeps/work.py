@@ -1,5 +1,6 @@
 """Jobs, whole or in parts, run in the directory of a sweep that nobody else is at work in."""
 
+import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,10 +19,15 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 
+# Submitit's jobs leave pickles there, and it loads whatever has the name of one: it must be this sweep's own.
+_SUBMITIT = ".submitit"
+
+
 class Work:
     """What is run in a sweep's directory, and what came of it."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: Sweep) -> None:
+        state.set_aside(sweep, _SUBMITIT, whatever=True)
         self.sweep, self.rounds = sweep, Rounds(context, config, sweep, limits)
 
     def outcomes(self, jobs: Sequence[Planned]) -> dict[str, Outcome]:
@@ -81,6 +87,6 @@ def opened(sweep: Path) -> Iterator[None]:
             f"{error.filename}: {error.strerror}; remove it, or give this sweep another sweep.dir"
         ) from error
     except OSError as error:
-        raise UserError(
-            f"{error.filename or sweep}: {error.strerror}; make room or set output to another disk"
-        ) from error
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room or set output to another disk" if full else "give this sweep another sweep.dir"
+        raise UserError(f"{error.filename or sweep}: {error.strerror}; {remedy}") from error

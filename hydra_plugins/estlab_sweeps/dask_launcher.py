@@ -33,6 +33,7 @@ class DaskLauncher(Launcher):
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         import cloudpickle
 
+        self._check()
         with self._client() as client:
             everything = cloudpickle.dumps((self.context, self.config, self.task_function, Singleton.get_state()))
             # A task's result, which is made again when the worker that holds it dies; scattered data is gone then.
@@ -40,6 +41,19 @@ class DaskLauncher(Launcher):
             numbered = enumerate(job_overrides, initial_job_idx)
             futures = [client.submit(_run, shared, list(words), number, pure=False) for number, words in numbered]
             return [_returned(future) for future in futures]
+
+    def _check(self) -> None:
+        """Raise UserError for what Dask would wait for without end, or says badly."""
+        from estlab.errors import UserError
+
+        least = {"workers": 1, "allowed_failures": 0, "patience": 0}
+        for key, value in ((key, getattr(self, key)) for key in least):
+            number = isinstance(value, int) or (key == "patience" and isinstance(value, float))
+            if value is None and key == "workers":
+                continue
+            if not number or isinstance(value, bool) or not least[key] <= value < 1e6:
+                kind = "a number" if key == "patience" else "a whole number"
+                raise UserError(f"hydra.launcher.{key} must be {kind} from {least[key]} to 1e6, got {value}")
 
     @contextmanager
     def _client(self) -> "Iterator[Client]":

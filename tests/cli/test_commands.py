@@ -202,6 +202,43 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "data=files", "data.path=."], "problem3data.mat: no such file; data.path must be the folder"),
         (["simulate"], "data.path must be given"),
         (["rnu"], "there is no command rnu; did you mean run?"),
+        (["run", "parts={}"], "parts={}: is a list; write parts=[...]"),
+        (["run", "sweep=[]"], "sweep=[]: is a group of keys; write sweep={...}"),
+        (["run", "hydra.mode=x"], "hydra.mode=x: Invalid value 'x'"),
+        (["run", "scenario=null"], "scenario=null: write the name of one"),
+        (["run", "scenario=/etc/passwd"], "there is no scenario /etc/passwd (one of car, "),
+        (["run", "~scenario"], "scenario is missing, which a run cannot do without"),
+        (["run", "~filter"], "filter is missing, which a run cannot do without"),
+        (["run", "~filters"], "filters is missing"),
+        (["run", "filters=2.5"], "filters must be "),
+        (["run", "~sweep.dir"], "sweep.dir is missing, which other keys are made of"),
+        (["run", "hydra.run.dir=???"], "hydra.run.dir must be a folder"),
+        (["run", "hydra.run.dir="], "hydra.run.dir must be a folder"),
+        (["sweep", "sweep.dir=null"], "sweep.dir must be a folder"),
+        (["run", "=1"], "'=1': write key=value"),
+        (["run", "data=[1,2]"], "data=[1,2]: write the name of one"),
+        (["run", "filter=???"], "filter=???: write the name of one"),
+        (["run", "scenario=car,field"], "scenario=car,field: a run takes one value, estlab sweep several"),
+        (["run", "runs={}"], "runs must be a whole number, got {}"),
+        (["sweep", "seed=range(1,3,0)"], "seed=range(1,3,0): range() arg 3 must not be zero"),
+        (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of a sweep, once"),
+        (["sweep", "--resume", "--dry-run"], "--resume takes the directory of a sweep, once"),
+        (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume says which directory"),
+        (["sweep", "sweep.dir=/proc/estlab"], "No such file or directory; give this sweep another sweep.dir"),
+        *(
+            (["sweep", f"hydra.sweep.subdir={name}"], "gives a job the folder ")
+            for name in ("..", "", "plots", "attempts", "parts", "sweep.json", ".lock", "x" * 250)
+        ),
+        (["sweep", "sweep.timeout=1e30"], "sweep.timeout must be > 0 and at most 1e9, got 1e+30"),
+        (["simulate", "data.path="], "data.path must be given"),
+        (["simulate", f"data.path={'x' * 300}"], "File name too long"),
+        (["run", ""], "'': write key=value"),
+        (["run", "--cfg=jobs"], "--cfg takes job, hydra, all; got jobs; did you mean job?"),
+        (["run", "--info=plugin"], "got plugin; did you mean plugins?"),
+        (["run", "--multirun=1"], "--multirun takes no value"),
+        (["run", "--config-name=x"], "--config-name: there is no configuration x"),
+        (["run", "+hydra.callbacks.x=1"], "hydra.callbacks.x names no class"),
+        (["run", "+hydra.callbacks.x._target_=[]"], "hydra.callbacks.x names no class"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message, capsys):
@@ -210,6 +247,12 @@ def test_a_mistake_is_one_line_that_names_it_and_exit_code_2(arguments, message,
     assert text.startswith("estlab: ")
     assert message in text
     assert text.count("\n") == 1
+
+
+def test_a_file_named_latest_stays_where_runs_go():
+    Path("latest").write_text("precious")
+    assert main(["run", "scenario=landmark", "runs=2", "steps=2", "plots=false", "report=false", "output=."]) == 0
+    assert Path("latest").read_text() == "precious"
 
 
 def test_who_asks_for_hydras_traceback_gets_it(monkeypatch):
@@ -243,7 +286,7 @@ def test_a_reader_that_leaves_does_not_end_the_run():
 
 
 def test_several_filters_meet_the_same_truth_and_readings(capsys):
-    assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY]) == 0
+    assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY, "plots=false"]) == 0
     assert latest().name.endswith("_landmark_ekf-ukf")
     metrics = pd.read_csv(latest() / "metrics.csv")
     assert list(dict.fromkeys(metrics["filter"])) == ["ekf", "ukf"]
@@ -267,7 +310,7 @@ def test_order_of_filters_changes_no_figure():
 
 
 def test_smoothing_is_a_second_set_of_tables(capsys):
-    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60"]) == 0
+    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60", "plots=false"]) == 0
     metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
     assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
     # The bound is of the readings so far, which a smoother is not bound by.

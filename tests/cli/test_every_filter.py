@@ -26,8 +26,8 @@ ALONE = dict(zip(SCENARIOS, cycle(("pf", "ukf", "enkf", "srukf", "rpf")), strict
 @cache
 def filters():
     """All that there are, the costly ones small."""
-    words = {name: [f"filter.{SMALL[name]}"] if name in SMALL else [] for name in options("filter")}
-    return {name: settings(f"filter={name}", *more).filter for name, more in words.items()}
+    words = [f"+filter@filters.{name}={name}" for name in options("filter")]
+    return settings(*words, *(f"filters.{name}.{small}" for name, small in SMALL.items())).filters
 
 
 @cache

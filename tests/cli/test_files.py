@@ -1,7 +1,9 @@
 """Files written read back the same; files that are wrong get one line that says where."""
 
 import json
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -25,6 +27,20 @@ SAME_PRIOR = {"landmark": ["scenario.initial=truth"], "car": ["scenario.initial=
 def simulate(scenario: str, *more: str) -> Path:
     assert main(["simulate", f"scenario={scenario}", "data.path=made", *more]) == 0
     return Path("made")
+
+
+@cache
+def _simulated(scenario: str) -> dict[str, bytes]:
+    with TemporaryDirectory() as folder:
+        assert main(["simulate", f"scenario={scenario}", f"data.path={folder}/made"]) == 0
+        return {path.name: path.read_bytes() for path in Path(folder, "made").iterdir()}
+
+
+def written(scenario: str) -> None:
+    """The files of simulate, made once for all tests that spoil them or read them."""
+    Path("made").mkdir()
+    for name, content in _simulated(scenario).items():
+        Path("made", name).write_bytes(content)
 
 
 def run(scenario: str, *more: str) -> int:
@@ -200,7 +216,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_bad_text_file_is_named_with_its_line(fault, capsys):
-    simulate("landmark")
+    written("landmark")
     spoil, message = FAULTS[fault]
     spoil()
     capsys.readouterr()
@@ -257,7 +273,7 @@ CSV_FAULTS = {
 
 @pytest.mark.parametrize("fault", CSV_FAULTS)
 def test_a_bad_comma_separated_file_is_named_with_its_line(fault, capsys):
-    simulate("epuck")
+    written("epuck")
     spoil, message = CSV_FAULTS[fault]
     spoil()
     capsys.readouterr()
@@ -270,7 +286,7 @@ def test_a_bad_comma_separated_file_is_named_with_its_line(fault, capsys):
 
 @pytest.mark.parametrize("filters", ["ekf", "[ekf,ukf]"])
 def test_files_without_truth_give_every_table_and_picture_and_score_nothing(filters, capsys):
-    simulate("epuck")
+    written("epuck")
     capsys.readouterr()
     assert run("epuck", f"filter={filters}", "plots=true", "smooth=true", "hydra.run.dir=out") == 0
     out = capsys.readouterr().out
@@ -285,7 +301,7 @@ def test_files_without_truth_give_every_table_and_picture_and_score_nothing(filt
 
 
 def test_a_few_unknown_barcodes_are_left_out_and_said(capsys):
-    simulate("landmark")
+    written("landmark")
     replace_line(
         "Measurement.dat", 20, Path("made/Measurement.dat").read_text().splitlines()[19].split()[0] + " 99 1.0 0.0"
     )
@@ -387,7 +403,7 @@ def test_a_file_that_is_not_matlabs_is_refused(capsys):
 
 
 def test_a_frame_in_which_nothing_was_seen_is_not_measured():
-    simulate("car")
+    written("car")
     from scipy.io import loadmat
 
     lidar = loadmat("made/problem3data.mat")["lidar"]
@@ -502,7 +518,7 @@ ARCHIVE_FAULTS = {
 
 @pytest.mark.parametrize("fault", ARCHIVE_FAULTS)
 def test_a_bad_archive_is_named_with_its_array(fault, capsys):
-    simulate("field")
+    written("field")
     spoil, message = ARCHIVE_FAULTS[fault]
     spoil()
     capsys.readouterr()

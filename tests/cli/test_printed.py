@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from estlab.cli import main
+from estlab.report import terminal
 from estlab.report.console import console
 from tests.cli.finished import edit, made
 from tests.cli.sweeping import TINY
@@ -78,3 +79,15 @@ def test_a_table_as_csv_is_still_one(run, capsys):
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     assert [row["filter"] for row in rows] == ["ekf"]
     assert json.loads(rows[0]["rmse.position"]) > 0.0
+
+
+def test_tables_that_cannot_be_printed_lose_neither_verdict_nor_path(monkeypatch, capsys):
+    def broken(*_) -> None:
+        raise ZeroDivisionError("nothing")
+
+    monkeypatch.setattr(terminal, "_tests", broken)
+    assert main(["run", "scenario=field", "filter=ekf", "runs=2", "steps=5", "plots=false", "report=false"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "ekf is consistent as far as its innovations tell: " in "\n".join(lines)
+    assert "note: missing: tables on the terminal (ZeroDivisionError: nothing); the traceback is in log.txt" in lines
+    assert lines[-1].startswith("runs/")

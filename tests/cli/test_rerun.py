@@ -50,6 +50,23 @@ def test_what_an_engine_of_before_found_is_found_again(capsys):
     assert yaml.safe_load((newest() / "config.yaml").read_text())["engine"] == "auto"
 
 
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("cores=0", "cores=0: write a whole number from 1"),
+        ("cores=\u0663", "write a whole number from 1"),
+        ("cores=" + "9" * 100, "write a whole number from 1"),
+        ("output=", "output=: output takes a value"),
+        ("plugins=[no_such_package]", "estlab: plugins: there is no package 'no_such_package'"),
+    ],
+)
+def test_what_is_typed_wrongly_is_not_said_of_the_runs_files(word, said, capsys):
+    assert main(["rerun", "runs/latest", word]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert "config.yaml" not in err
+
+
 def test_a_run_made_again_is_the_same_to_the_last_bit_and_keeps_what_was_typed(capsys):
     assert main(["rerun", "runs/latest"]) == 0
     out = capsys.readouterr().out

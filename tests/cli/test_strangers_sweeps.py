@@ -136,6 +136,19 @@ def test_a_plot_is_not_drawn_through_a_link(swept, capsys):
     assert "plots: is a link, which is not followed" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("is_a_link", [False, True])
+def test_no_engine_finds_what_another_left_there(is_a_link, swept):
+    """Submitit takes .submitit/<job>/<job>_0_result.pkl for its job's own, and unpickles it."""
+    if is_a_link:
+        linked(swept / ".submitit", "mine")
+    else:
+        (swept / ".submitit/1").mkdir(parents=True)
+        (swept / ".submitit/1/1_0_result.pkl").write_bytes(b"his")
+    assert main(["sweep", "--resume", "swept"]) == 0
+    assert not os.path.lexists(swept / ".submitit")
+    assert (swept / "attempts/.submitit.1").is_symlink() == is_a_link
+
+
 def test_a_part_is_not_made_through_a_link(capsys):
     Path("swept").mkdir()
     Path("mine").mkdir()

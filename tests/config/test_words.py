@@ -3,6 +3,7 @@
 import copy
 import math
 import os
+import re
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -14,6 +15,7 @@ from omegaconf import OmegaConf
 
 from estlab import composition, yaml_bounds
 from estlab.arguments import prepared
+from estlab.cli import main
 from estlab.config import build
 from estlab.ensemble import Names
 from estlab.errors import UserError
@@ -188,6 +190,29 @@ def test_a_file_that_changed_is_read_anew_and_what_became_of_it_is_nobody_elses(
     assert (again.provider, again.path) == ("mine", f"file://{tmp_path}")
     (tmp_path / "a.yaml").write_text("defaults: [b]\nx: 2\n")
     assert source.load_config("a").config == {"defaults": ["b"], "x": 2}
+
+
+def test_a_mode_that_a_file_of_the_users_states_counts(tmp_path, monkeypatch, capsys):
+    """Wherever it lies; two seeds without it are refused."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine/experiment").mkdir(parents=True)
+    (tmp_path / "mine/experiment/both.yaml").write_text("# @package _global_\nhydra: {mode: MULTIRUN}\n")
+    up = os.path.relpath(tmp_path / "mine/experiment/both", conf_folder() / "experiment")
+    words = ["seed=1,2", "runs=2", "steps=2", "sweep.dry_run=true"]
+    for chosen in (
+        ["--config-dir=mine", "+experiment=both"], ["hydra.searchpath=[file://mine]", "+experiment=both"],
+        [f"+experiment={up}"], ["hydra.mode=MULTIRUN"], ["++hydra.mode=MULTIRUN"], ["++hydra={mode:MULTIRUN}"],
+    ):  # fmt: skip
+        assert main(["run", *chosen, *words]) == 0, chosen
+        assert "seed=2" in capsys.readouterr().out
+    assert main(["run", "+experiment=smoke", *words]) == 2
+
+
+@pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)
+def test_no_file_of_ours_states_a_mode(path):
+    """So it is not looked for in them (composition.Hydra)."""
+    assert "mode" not in (OmegaConf.load(path).get("hydra") or {})
+    assert not re.search(r"^# @package hydra *$", path.read_text(), re.MULTILINE)
 
 
 def test_a_sweep_without_end_is_refused_before_it_is_written_out():

@@ -1,5 +1,6 @@
 """What pictures do with what is missing, infinite, constant, lost, unknown, many or oddly named. No warning comes."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -294,3 +295,29 @@ def test_runs_over_one_recording_are_beside_each_other():
     off = np.hypot(*(made.arrays["mean"] - made.arrays["truth"][..., :1]))
     np.testing.assert_allclose([line.get_ydata() for line in right.get_lines()], off.T, rtol=1e-12)
     assert "repeats.png" not in made.drawn(repeated=False)
+
+
+def test_an_rmse_of_all_runs_that_the_first_run_is_far_from_is_seen_or_said():
+    def others(factor: float):
+        def change(mean, cov) -> None:
+            mean[0, :, 1:] += factor
+
+        return change
+
+    near, _ = Made(space(2, 2), pf=others(6.0)).drawn()["errors.png"].axes
+    assert near.get_ylim()[1] > 6.0
+    assert notes(near) == ""
+    far, beside = Made(space(2, 2), pf=others(60.0)).drawn()["errors.png"].axes
+    assert far.get_ylim()[1] == pytest.approx(beside.get_ylim()[1], rel=0.2)
+    assert re.fullmatch(rf"beyond the panel: RMSE of {RUNS} runs \(±\d+\)", notes(far))
+
+
+def test_a_statistic_without_a_law_has_no_band_in_its_picture():
+    made = Made(space(2, 2), pf=covariance(1.0))
+    labels = [text.get_text() for text in made.drawn()["nees.png"].legends[0].get_texts()]
+    assert "95 % of a consistent filter" in labels
+    for bound in ("lower", "upper"):
+        made.tables[rundir.NEES]["pf"][bound] = np.full_like(made.tables[rundir.NEES]["pf"][bound], np.nan)
+    labels = [text.get_text() for text in made.drawn()["nees.png"].legends[0].get_texts()]
+    assert [label for label in labels if "95 %" in label] == []
+    assert len(labels) == 1

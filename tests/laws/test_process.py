@@ -21,7 +21,7 @@ def test_a_run_is_the_work_of_its_own_process(tmp_path):
     RunDirectory(tmp_path / "run")
     status = json.loads((tmp_path / "run/status.json").read_text())
     assert worker(status) == "alive"
-    assert unfinished(tmp_path / "run", status) == "still running"
+    assert unfinished(status) == "still running"
     assert worker(status | {"status": "interrupted"}) == "gone"
 
 

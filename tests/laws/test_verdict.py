@@ -197,6 +197,10 @@ def test_a_cloud_that_is_small_because_readings_are_worse_than_the_filter_has_th
     sampled = replace(found, sample=np.stack([size, 1.0 - 1.0 / size]), cov=found.cov * 0.1)
     white = verdict(told(record, sampled, 2.0 * innovations(30, 60)), "filter.particles")
     assert (white.word, white.key) == (OVERCONFIDENT, "")
+    few = replace(sampled, sample=np.stack([np.full((60, 30), 5.0), np.full((60, 30), 0.8)]))
+    fewer = verdict(told(record, few, 2.0 * innovations(30, 60)), "filter.particles")
+    assert fewer.key == ""
+    assert "raise" not in fewer.sentence
     stuck = verdict(told(record, sampled, 2.0 * innovations(30, 60, 1, 0.6)), "filter.particles")
     assert (stuck.word, stuck.key) == (STARVED, "filter.particles")
 
@@ -290,6 +294,17 @@ def test_a_bias_is_what_is_wrong_only_where_it_explains_most_of_the_nees():
     (both,) = ensembles(Fault(bias=0.4, process=4.0), 1, 100, 60)
     assert answers(both)[BIAS].rejected
     assert verdict(both).word == OVERCONFIDENT
+
+
+def test_a_bias_is_not_what_is_wrong_where_innovations_are_and_nees_cannot_be_judged():
+    record = records(Fault(bias=0.3), 30, 60, 1)
+    found = filtered(record)
+    sample = np.stack([np.full((60, 30), 20.0), np.full((60, 30), 0.95)])
+    tally = told(record, replace(found, sample=sample), 0.3 * innovations(30, 60))
+    assert answers(tally)[BIAS].rejected
+    assert verdict(tally, "filter.particles").sentence.startswith(
+        "conservative as far as its innovations tell: NIS / m"
+    )
 
 
 def test_a_gate_does_not_make_a_right_filter_conservative():
