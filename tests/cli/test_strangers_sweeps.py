@@ -171,7 +171,13 @@ def test_a_sweep_whose_directory_is_removed_is_not_made_again(swept, monkeypatch
     from estlab.sweeps import state
 
     aside = state.set_aside
-    monkeypatch.setattr(state, "set_aside", lambda sweep, name: (aside(sweep, name), shutil.rmtree("swept")))
+
+    def removed_too(sweep, name, **options):
+        aside(sweep, name, **options)
+        if name == JOB:
+            shutil.rmtree("swept")
+
+    monkeypatch.setattr(state, "set_aside", removed_too)
     assert main(["sweep", "--resume", "swept"]) == 1
     assert capsys.readouterr().err.endswith("swept: was removed while the sweep wrote to it\n")
     assert not Path("swept").exists() or list(Path("swept").iterdir()) == []
