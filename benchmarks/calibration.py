@@ -14,14 +14,14 @@ import numpy as np
 
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
-from estlab.metrics.comparison import Comparison
 from estlab.metrics.consistency import BIAS, NEES, NIS, WHITENESS, Test, consistency_tests
 from estlab.metrics.digits import bracketed
 from estlab.metrics.intervals import chi_square_test, positive_interval, share_interval
-from estlab.metrics.rows import coverage_rows
+from estlab.metrics.paired import Comparison
+from estlab.metrics.tabulated import coverage_rows
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import CONSISTENT, Tolerance, judge
 from estlab.models.contract import Motion, Sensor

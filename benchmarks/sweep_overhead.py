@@ -20,13 +20,13 @@ REAL = ["scenario=landmark", "filter=ekf", "runs=2", "steps=5"]
 STUB = """
 import json, sys
 from pathlib import Path
-import estlab.cli, estlab.sweeps.job, estlab.launch
+import estlab.cli.main, estlab.sweeps.job, estlab.launch.launcher
 from hydra.core.hydra_config import HydraConfig
 from estlab.sweeps.state import fingerprint
 METRICS = "filter,metric,component,unit,value,ci_low,ci_high,n\\nekf,rmse,x,m,%s,0,2,2\\n"
 def stub(*arguments):
     folder = Path(HydraConfig.get().runtime.output_dir)
-    plain, names = estlab.composed.described(arguments[-1])
+    plain, names = estlab.launch.composed.described(arguments[-1])
     facts = {"wall_time_s": 0.0, "fingerprint": fingerprint(plain, names.scenario, names.filter)}
     (folder / "metrics.csv").write_text(METRICS % plain["seed"])
     (folder / "run.json").write_text(json.dumps(facts))
@@ -35,10 +35,10 @@ def stub(*arguments):
     return 0
 """
 RUN = {
-    "stub": STUB + "import estlab.sweeps.rounds\nestlab.sweeps.rounds.task = estlab.cli.run_job = stub\n",
-    "real": "import estlab.cli\n",
+    "stub": STUB + "import estlab.sweeps.rounds\nestlab.sweeps.rounds.task = estlab.cli.main.run_job = stub\n",
+    "real": "import estlab.cli.main\n",
 }
-MAIN = "import sys; sys.exit(estlab.cli.main(['sweep', *sys.argv[1:]]))"
+MAIN = "import sys; sys.exit(estlab.cli.main.main(['sweep', *sys.argv[1:]]))"
 
 
 def seconds(kind: str, words: list[str]) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """``python -m estlab`` is ``estlab``."""
 
-from estlab.cli import main
+from estlab.cli.main import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
@@ -103,7 +103,7 @@ class Estimates:
     """A filter's belief after each step, and how the readings fitted.
 
     mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
-    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.contract.Fit; NaN where
+    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.filter.Fit; NaN where
     nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...

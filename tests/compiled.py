@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estlab.ensemble import Names, loop_of, record_of
+from estlab.experiment.monte_carlo import Names, loop_of, record_of
 from estlab.maths.streams import Streams
 from tests.conftest import settings
 

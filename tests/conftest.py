@@ -10,15 +10,15 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from estlab.config import Settings, build
+from estlab.config.build import Settings, build
+from estlab.config.locations import conf_folder
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
 from estlab.metrics.consistency import consistency_tests
-from estlab.metrics.rows import Row, metric_rows
 from estlab.metrics.scores import Limits
+from estlab.metrics.tabulated import Row, metric_rows
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import Tolerance, judge
-from estlab.paths import conf_folder
 from estlab.record import Estimates
 
 ROOT = Path(__file__).parent.parent

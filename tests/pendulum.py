@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Space
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record

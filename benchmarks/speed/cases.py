@@ -10,11 +10,11 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from benchmarks.speed import reference
-from estlab.config import Settings, build
-from estlab.ensemble import Names, loop_of, record_of
+from estlab.config.build import Settings, build
+from estlab.config.locations import conf_folder
+from estlab.experiment.monte_carlo import Names, loop_of, record_of
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
-from estlab.paths import conf_folder
 from estlab.record import Estimates, Readings, Record
 
 PLAIN = "plain loop"

@@ -14,9 +14,9 @@ from benchmarks.speed.cases import PLAIN, Case, OneReading
 from benchmarks.speed.gaussian import EKF, REAL, RUNS, UKF, recording
 from benchmarks.speed.turns import Row, faster, row, seconds
 from estlab.compiled import cache
-from estlab.cores import keep_memory
-from estlab.ensemble import loop_of
+from estlab.experiment.monte_carlo import loop_of
 from estlab.maths.streams import Streams
+from estlab.parallel.cores import keep_memory
 from estlab.record import Estimates
 
 _STEPS = 1000  # of the references, whose time is scaled up

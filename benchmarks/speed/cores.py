@@ -13,11 +13,11 @@ from pathlib import Path
 
 from benchmarks.speed.cases import NAMES, PLAIN, Case
 from benchmarks.speed.turns import Row, faster, row
-from estlab.blocks import block
-from estlab.ensemble import block_of, record_of
+from estlab.experiment.blocks import block
+from estlab.experiment.monte_carlo import block_of, record_of
 from estlab.maths.streams import Streams
+from estlab.parallel.pool import Workers
 from estlab.record import Record
-from estlab.workers import Workers
 
 Tick = Callable[[], None]
 Work = Callable[[int, Tick], object]

@@ -12,8 +12,8 @@ from pathlib import Path
 from benchmarks.speed.cases import NAMES, PLAIN, Case, OneReading
 from benchmarks.speed.reference import unscented_by_matrices
 from benchmarks.speed.turns import REPEATS, Row, faster, row, seconds
-from estlab import experiment
-from estlab.ensemble import record_of
+from estlab.experiment import experiment
+from estlab.experiment.monte_carlo import record_of
 from estlab.rundir import RunDirectory
 
 RUNS = 1000

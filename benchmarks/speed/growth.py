@@ -14,7 +14,7 @@ from benchmarks.speed.cases import Case
 from benchmarks.speed.turns import seconds
 from estlab.filters.gaussian import extended, unscented
 from estlab.filters.loop import Loop
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Space
 from estlab.maths.streams import Streams
 from estlab.models.contract import Motion, Sensor

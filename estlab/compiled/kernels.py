@@ -18,8 +18,8 @@ from estlab.compiled.algebra import (
     total,
     transpose,
 )
-from estlab.compiled.models import wrapped
-from estlab.compiled.moments import factored
+from estlab.compiled.model_graphs import wrapped
+from estlab.compiled.moment_matching import factored
 from estlab.compiled.pieces import Piece, Steps, slots
 from estlab.compiled.predictions import predicted_state
 from estlab.compiled.roots import predicted_root, updated_root

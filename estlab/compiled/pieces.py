@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from estlab.compiled.algebra import Matrix, Pivots, Row, block_diagonal, is_zero, symmetric
-from estlab.compiled.models import MotionModel, SensorModel
-from estlab.compiled.moments import Points
+from estlab.compiled.model_graphs import MotionModel, SensorModel
+from estlab.compiled.moment_matching import Points
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol
 from estlab.compiled.trace import Tracer
@@ -16,7 +16,7 @@ Output = tuple[str, int, Any]
 
 @dataclass(frozen=True)
 class PointSet:
-    """Sigma points as numbers; see estlab.compiled.moments.Points. Symmetric ones are given by the square of their
+    """Sigma points as numbers; see moment_matching.Points. Symmetric ones are given by the square of their
     distance; others by their places for a unit covariance (axes, p) and their weights.
     """
 

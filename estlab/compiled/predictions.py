@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from estlab.compiled.algebra import Matrix, Row, added, block_diagonal, plus, sandwich
-from estlab.compiled.models import wrapped
-from estlab.compiled.moments import Moments, along_tangent, bent, by_points, factored
+from estlab.compiled.model_graphs import wrapped
+from estlab.compiled.moment_matching import Moments, along_tangent, bent, by_points, factored
 from estlab.compiled.pieces import Piece, Steps
 
 

@@ -18,8 +18,8 @@ from estlab.compiled.algebra import (
     transpose,
     triangle,
 )
-from estlab.compiled.models import root, wrapped
-from estlab.compiled.moments import Moments, deviations, factored
+from estlab.compiled.model_graphs import root, wrapped
+from estlab.compiled.moment_matching import Moments, deviations, factored
 from estlab.compiled.pieces import Piece, PointSet, Steps, unless
 from estlab.compiled.updates import either, fit, reading_of, refused, without
 

@@ -17,8 +17,8 @@ from estlab.compiled.algebra import (
     total,
     transpose,
 )
-from estlab.compiled.models import wrapped
-from estlab.compiled.moments import Moments, along_tangent, factored
+from estlab.compiled.model_graphs import wrapped
+from estlab.compiled.moment_matching import Moments, along_tangent, factored
 from estlab.compiled.pieces import Piece, Steps, slots, unless
 from estlab.compiled.predictions import predicted_reading
 from estlab.compiled.symbols import Symbol

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estlab.datasets.files import check_size, read_bytes
+from estlab.datasets.data_files import check_size, read_bytes
 from estlab.datasets.promises import Column, check, check_headings
 from estlab.datasets.whole import write_whole
 from estlab.errors import UserError

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 
-from estlab.datasets.files import check_size
+from estlab.datasets.data_files import check_size
 from estlab.errors import UserError
 
 _HEADER = 128

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estlab.datasets.files import read_bytes
+from estlab.datasets.data_files import read_bytes
 from estlab.datasets.mat_limits import check_declared
 from estlab.datasets.promises import Column, check
 from estlab.datasets.whole import write_whole

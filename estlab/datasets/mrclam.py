@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from estlab.datasets.clocks import in_order, one_remark
-from estlab.datasets.files import DEFAULTS, Files, Options
+from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.datasets.promises import Column, check_headings
-from estlab.datasets.tables import format_table, place, read_table
+from estlab.datasets.text_tables import format_table, place, read_table
 from estlab.datasets.whole import write_text
 from estlab.errors import UserError
 from estlab.maths.space import Array

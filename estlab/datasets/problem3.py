@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estlab.datasets import frames, matlab
-from estlab.datasets.files import Files, Options
+from estlab.datasets.data_files import Files, Options
 from estlab.datasets.promises import Column, check, check_headings
 from estlab.errors import UserError
 from estlab.maths.space import Array

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from estlab.datasets import agreement, frames, matlab
-from estlab.datasets.files import Files, Options
+from estlab.datasets.data_files import Files, Options
 from estlab.datasets.matlab import MatFile
 from estlab.datasets.promises import Column, check_ascending, check_headings, check_noisy_distances, check_turns
 from estlab.errors import UserError

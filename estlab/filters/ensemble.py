@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.filter import Filter, Fit, Prior, Sample, fit_of
 from estlab.filters.step import Step
 from estlab.maths import cloud
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, matmul, solve_lower, transpose, without
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws

@@ -5,12 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior, fit_of
-from estlab.maths.gaussian import Gaussian
+from estlab.filters.filter import Filter, Fit, Prior, fit_of
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, matmul, matvec, solve_lower, transpose, without
-from estlab.maths.rows import through
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Array
+from estlab.maths.stacking import through
 from estlab.maths.streams import Draws
 from estlab.maths.transforms import Linearised, Moments, SecondOrder, Transform
 from estlab.models.contract import Motion, Sensor
@@ -25,7 +25,7 @@ class GaussianFilter(Filter):
     transform: how a belief goes through a model; this alone makes it an EKF, UKF or CKF.
     noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends the state
     alone and adds their covariances, linearised in the process noise.
-    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.contract.fit_of`.
+    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.filter.fit_of`.
     """
 
     transform: Transform

@@ -7,10 +7,10 @@ import numpy as np
 
 from estlab.compiled import cache
 from estlab.compiled.pieces import Method
-from estlab.filters.contract import Filter
+from estlab.filters.filter import Filter
 from estlab.filters.methods import method_of
 from estlab.filters.stacks import one_by_one, stacked
-from estlab.filters.tables import noise_table
+from estlab.filters.step_tables import noise_table
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record

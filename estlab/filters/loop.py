@@ -5,10 +5,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.contract import Belief, Cloud, Filter
+from estlab.filters.filter import Belief, Cloud, Filter
 from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor

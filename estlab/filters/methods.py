@@ -5,7 +5,7 @@ from typing import Any, cast
 import numpy as np
 
 from estlab.compiled.pieces import Method, PointSet
-from estlab.filters.contract import Filter
+from estlab.filters.filter import Filter
 from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
 from estlab.filters.square_root import SquareRootFilter
 from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, SigmaPoints, Simplex, SymmetricSigmaPoints

@@ -5,10 +5,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Cloud, Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.filter import Cloud, Filter, Fit, Prior, Sample, fit_of
 from estlab.filters.step import Step, own
 from estlab.maths import cloud
-from estlab.maths.gaussian import Gaussian, placed
+from estlab.maths.gaussian_belief import Gaussian, placed
 from estlab.maths.linalg import cholesky, solve_lower, without
 from estlab.maths.resampling import Scheme, Weights, resample
 from estlab.maths.space import Array

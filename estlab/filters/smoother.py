@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import (
     ROUNDING,
     cholesky,

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.contract import Filter, Fit, Prior, fit_of
+from estlab.filters.filter import Filter, Fit, Prior, fit_of
 from estlab.filters.gaussian import check_gate
-from estlab.maths.gaussian import Gaussian, placed
+from estlab.maths.gaussian_belief import Gaussian, placed
 from estlab.maths.linalg import (
     cholesky,
     gram,

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled import cache, kernels
-from estlab.compiled.models import MotionModel, SensorModel
+from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.pieces import Piece, Steps, slots
 from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
-from estlab.filters.contract import chi_square_quantile
+from estlab.filters.filter import chi_square_quantile
 from estlab.filters.gaussian import DeadReckoning
 from estlab.filters.given import Given, Shape, Work
 from estlab.maths.linalg import cholesky

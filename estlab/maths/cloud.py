@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space
 
 # Numbers of one component in a piece: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, gram, lower_matmul, matmul, summed, transpose
 from estlab.maths.space import Array
 from estlab.maths.transforms import Function, Moments

@@ -9,11 +9,11 @@ from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from estlab.maths.derivatives import hessian, jacobian
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.finite_differences import hessian, jacobian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import gram, matmul, matvec, summed, symmetric, transpose
-from estlab.maths.rows import Rows, matrix, through
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import Rows, matrix, through
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 
 from estlab.maths.space import Array
 from estlab.metrics.intervals import CONFIDENCE, chi_square_band
-from estlab.metrics.rows import Columns
 from estlab.metrics.scores import quietly
+from estlab.metrics.tabulated import Columns
 from estlab.metrics.tally import Tally
 
 

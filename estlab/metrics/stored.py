@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.comparison import Comparison
 from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.paired import Comparison
 from estlab.metrics.tally import CAUSES, Tally
 
 _PAIR = "|"  # between the names of two filters; no name has one

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space, cos_sin
+from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(("x", "y", "speed", "heading"), ("cm", "cm", "cm/s", "rad"), angles=(3,), position=(0, 1))
 FIX = Space(("x", "y"), ("cm", "cm"))

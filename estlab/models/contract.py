@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled.exact import Exact, exact
-from estlab.maths.derivatives import hessian, jacobian
-from estlab.maths.rows import Components, Rows, matrix, stacked
+from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import Components, Rows, matrix, stacked
 from estlab.maths.transforms import Function
 
 Jacobians = Callable[[Array, Array, float], tuple[Rows, Rows]]

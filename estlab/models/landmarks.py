@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(("range", "bearing"), ("m", "rad"), angles=(1,))
 BEARING = Space(("bearing",), ("rad",), angles=(0,))

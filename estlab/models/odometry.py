@@ -6,8 +6,8 @@ Thrun, Burgard and Fox 2005, section 5.4, with the noise added to the odometry i
 import numpy as np
 
 from estlab.maths.linalg import diagonal
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space, cos_sin
+from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(("x", "y", "heading"), ("cm", "cm", "rad"), angles=(2,), position=(0, 1))
 

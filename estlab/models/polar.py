@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
-from estlab.maths.rows import Components, Rows
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space, cos_sin
+from estlab.maths.stacking import Components, Rows
 
 PLACE = Space(("x", "y"), ("m", "m"), position=(0, 1))
 

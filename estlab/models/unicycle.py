@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space, cos_sin
+from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(("x", "y", "heading"), ("m", "m", "rad"), angles=(2,), position=(0, 1))
 

@@ -6,8 +6,8 @@ Seed document 000, problem III.
 
 import numpy as np
 
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space, cos_sin
+from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(
     ("x", "y", "speed", "heading", "length", "width"), ("m", "m", "m/s", "rad", "m", "m"), angles=(3,), position=(0, 1)

@@ -21,7 +21,7 @@ from estlab.report.figures import (
     short,
 )
 from estlab.report.over_time import TRUTH
-from estlab.report.paths import path_of, within
+from estlab.report.trajectories import path_of, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,8 +4,8 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 
-from estlab.archive.pairing import Pair
-from estlab.archive.rows import Metric, Row
+from estlab.comparison.pairing import Pair
+from estlab.comparison.rows import Metric, Row
 from estlab.errors import printable
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.report.grids import Grid

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from estlab.metrics.consistency import Test
-from estlab.metrics.rows import Row
+from estlab.metrics.tabulated import Row
 from estlab.metrics.verdict import Verdict
 
 

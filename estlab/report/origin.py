@@ -4,7 +4,7 @@ import shlex
 from typing import Any
 
 from estlab import rundir
-from estlab.report import parts
+from estlab.report import sections
 from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Html, join, table, tag
 
@@ -59,15 +59,15 @@ def status_of(contents: Contents) -> Html:
     said = [str(record["began"])[:19].replace("T", " ")] if "began" in record else []
     said += [f"{took:.3g} s"] if took == took else []
     said += [f"estlab {record['estlab']}"] if "estlab" in record else []
-    line = tag("p", parts.status(word), " ", tag("span", " · ".join(said), class_="facts"))
+    line = tag("p", sections.status(word), " ", tag("span", " · ".join(said), class_="facts"))
     return join([line, tag("p", error, class_="error") if error else None])
 
 
 def configuration(contents: Contents) -> Html:
     """What was typed, the same as Hydra took it, and the whole configuration."""
     typed = _command(_record(contents, rundir.RUN).get("command"))
-    as_taken = parts.made(lambda: parts.file_text(contents, rundir.OVERRIDES))
-    whole = parts.made(lambda: parts.file_text(contents, rundir.CONFIG))
+    as_taken = sections.made(lambda: sections.file_text(contents, rundir.OVERRIDES))
+    whole = sections.made(lambda: sections.file_text(contents, rundir.CONFIG))
     return join([tag("p", "Typed: ", tag("code", typed)) if typed else None, as_taken, whole])
 
 
@@ -78,7 +78,7 @@ def _command(words: Any) -> str:
 
 def provenance(contents: Contents) -> Html:
     """run.json as tables, and the log."""
-    return join([parts.made(lambda: _record_table(contents)), parts.made(lambda: _log(contents))])
+    return join([sections.made(lambda: _record_table(contents)), sections.made(lambda: _log(contents))])
 
 
 def _record_table(contents: Contents) -> Html:
@@ -86,7 +86,7 @@ def _record_table(contents: Contents) -> Html:
     data, plugins = record.pop("data", None), record.pop("plugins", None)
     if command := _command(record.get("command")):
         record["command"] = command
-    return join([parts.facts(record, "What ran, on what, and how long"), _data(data), _plugins(plugins)])
+    return join([sections.facts(record, "What ran, on what, and how long"), _data(data), _plugins(plugins)])
 
 
 def _data(data: Any) -> Html:
@@ -107,12 +107,12 @@ def _plugins(plugins: Any) -> Html:
 
 
 def _log(contents: Contents) -> Html:
-    return parts.file_text(contents, rundir.LOG, last=True)
+    return sections.file_text(contents, rundir.LOG, last=True)
 
 
 def files(contents: Contents) -> Html:
     """What is in the directory."""
-    return parts.files(contents, _HELD)
+    return sections.files(contents, _HELD)
 
 
 def _record(contents: Contents, name: str) -> dict[str, Any]:

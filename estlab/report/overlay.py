@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab import rundir
-from estlab.archive.finished import table
-from estlab.archive.rows import Row
+from estlab.comparison.rows import Row
 from estlab.errors import UserError
 from estlab.report.components import chosen as few
 from estlab.report.components import selection
@@ -23,6 +22,7 @@ from estlab.report.figures import (
     short,
     within_reach,
 )
+from estlab.rundir.finished import table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ from estlab import rundir
 from estlab.errors import UserError
 from estlab.report.contents import Contents
 from estlab.report.markup import text
-from estlab.report.parts import REPORT, Page
 from estlab.report.run_page import run_page
+from estlab.report.sections import REPORT, Page
 from estlab.report.sweep_page import PLAN, SWEEP, sweep_page
 from estlab.rundir.files import write_text
 

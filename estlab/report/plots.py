@@ -10,7 +10,7 @@ from estlab.report.clouds import clouds_of, draw_clouds, draw_repeats
 from estlab.report.components import MOST, draw_components
 from estlab.report.distribution import draw_distribution
 from estlab.report.over_time import consistency_of, draw_consistency, draw_errors, draw_ess, noted
-from estlab.report.paths import draw_trajectory
+from estlab.report.trajectories import draw_trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

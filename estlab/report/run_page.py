@@ -5,7 +5,7 @@ from collections.abc import Callable
 from estlab import rundir
 from estlab.metrics.tally import CAUSES
 from estlab.metrics.verdict import CONSISTENT, LOST, UNDECIDED
-from estlab.report import parts
+from estlab.report import sections
 from estlab.report.cells import Row, figure_cell, interval_cell, number_cell, p_cell, share_cell
 from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Cell, Html, join, note, table, tag
@@ -22,33 +22,33 @@ _TESTS = {
 Make = Callable[[], Html]
 
 
-def run_page(contents: Contents) -> parts.Page:
+def run_page(contents: Contents) -> sections.Page:
     """Everything that a run left."""
     run = _Run(contents)
     title = title_of(contents)
     figures = any(map(contents.has, (rundir.METRICS, rundir.TESTS, rundir.VERDICTS, rundir.COVERAGE)))
-    sections: list[tuple[str, str, Make, bool]] = [
+    parts: list[tuple[str, str, Make, bool]] = [
         (
             "verdicts",
             "Verdicts",
             run.verdicts if figures else lambda: note("The run did not come to its figures."),
             True,
         ),
-        ("warnings", "Warnings", run.warnings, bool(parts.warnings(contents))),
+        ("warnings", "Warnings", run.warnings, bool(sections.warnings(contents))),
         ("errors", "Errors", run.errors, figures),
         ("tests", "Is it consistent?", run.tests, figures),
         ("comparison", "Who is better?", run.comparison, contents.has(rundir.COMPARISON)),
         ("coverage", "Coverage", run.coverage, figures),
         ("expectations", "Expectations", run.expectations, contents.has(rundir.EXPECTATIONS)),
         ("own", "The problem's own table", run.own, run.own_name is not None),
-        ("plots", "Plots", lambda: parts.plots(contents, title), True),
+        ("plots", "Plots", lambda: sections.plots(contents, title), True),
         ("metrics", "All metrics", run.metrics, figures),
         ("configuration", "Configuration", lambda: configuration(contents), True),
         ("provenance", "Provenance", lambda: provenance(contents), True),
         ("files", "Files", lambda: files(contents), True),
     ]
-    made = [(name, heading, parts.made(make)) for name, heading, make, there in sections if there]
-    return parts.Page(title, join([tag("h1", title), status_of(contents)]), made)
+    made = [(name, heading, sections.made(make)) for name, heading, make, there in parts if there]
+    return sections.Page(title, join([tag("h1", title), status_of(contents)]), made)
 
 
 class _Run:
@@ -98,7 +98,7 @@ class _Run:
         return f"{figure_cell(row).shown} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
 
     def warnings(self) -> Html:
-        return tag("ul", [tag("li", line) for line in parts.warnings(self.contents)])
+        return tag("ul", [tag("li", line) for line in sections.warnings(self.contents)])
 
     def errors(self) -> Html:
         self.contents.table(rundir.METRICS)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from estlab import rundir
-from estlab.report import parts
+from estlab.report import sections
 from estlab.report.cells import Row, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
@@ -25,22 +25,22 @@ _SHOWN = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diver
 _ENDS = (".low", ".high")
 
 
-def sweep_page(contents: Contents) -> parts.Page:
+def sweep_page(contents: Contents) -> sections.Page:
     """Everything that a sweep left."""
     sweep = _Sweep(contents)
     title = f"sweep · {len(sweep.counts)} jobs" + (f" · {' × '.join(sweep.keys)}" if sweep.keys else "")
-    head = [tag("h1", title), tag("p", [[parts.status(word), f" {count} "] for word, count in sweep.tallied()])]
-    sections: list[tuple[str, str, Callable[[], Html], bool]] = [
+    head = [tag("h1", title), tag("p", [[sections.status(word), f" {count} "] for word, count in sweep.tallied()])]
+    parts: list[tuple[str, str, Callable[[], Html], bool]] = [
         ("swept", "What was swept", sweep.swept, True),
         ("failures", "Failures", sweep.failures, True),
         ("trials", "Trials", sweep.trials, contents.has(TUNING)),
         ("jobs", "Jobs", sweep.jobs, True),
         ("groups", "Repeats", sweep.groups, contents.has(GROUPS)),
-        ("plots", "Plots", lambda: parts.plots(contents, title), True),
-        ("files", "Files", lambda: parts.files(contents, _HELD), True),
+        ("plots", "Plots", lambda: sections.plots(contents, title), True),
+        ("files", "Files", lambda: sections.files(contents, _HELD), True),
     ]
-    made = [(name, heading, parts.made(make)) for name, heading, make, there in sections if there]
-    return parts.Page(title, join(head), made)
+    made = [(name, heading, sections.made(make)) for name, heading, make, there in parts if there]
+    return sections.Page(title, join(head), made)
 
 
 class _Sweep:
@@ -137,7 +137,7 @@ class _Sweep:
         """A job's name, linked to its own page or to its directory, if it has one."""
         if not self.contents.is_folder(name):
             return join(name)
-        page = f"{name}/{parts.REPORT}"
+        page = f"{name}/{sections.REPORT}"
         return link(page if self.contents.has(page) else f"{name}/", name)
 
 

@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from estlab.metrics.comparison import against_best
 from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WHITENESS, Test
 from estlab.metrics.digits import figure, interval
 from estlab.metrics.intervals import Estimate
-from estlab.metrics.rows import Row
+from estlab.metrics.paired import against_best
+from estlab.metrics.tabulated import Row
 from estlab.metrics.tally import CAUSES
 from estlab.report.components import chosen, selection
 from estlab.report.console import console

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO
 from estlab.errors import UserError
 from estlab.rundir import files, provenance, status
 from estlab.rundir.layout import LOG, PLUGINS, RUN, STATUS
+from estlab.rundir.python_warnings import in_a_line
 from estlab.rundir.sources import sources
-from estlab.warned import in_a_line
 
 
 class RunDirectory:

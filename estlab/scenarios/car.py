@@ -8,16 +8,24 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from estlab.datasets import matlab, problem3
-from estlab.datasets.files import DEFAULTS, Files, Options
+from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.errors import UserError
-from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import lidar, vehicle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.scenario import (
+    History,
+    Scales,
+    Scenario,
+    check_duration,
+    check_positive,
+    check_sds,
+    diagonal_cov,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

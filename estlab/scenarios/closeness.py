@@ -4,7 +4,7 @@ import numpy as np
 
 from estlab.maths.space import Array, wrap
 from estlab.models.camera import SPACE
-from estlab.scenarios.contract import History
+from estlab.scenarios.scenario import History
 
 HEADING = SPACE.names.index("heading")
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from estlab.datasets import epuck as files
-from estlab.datasets.files import DEFAULTS, Files, Options
+from estlab.datasets import epuck_recording as files
+from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.errors import UserError
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
@@ -20,7 +20,7 @@ from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
 from estlab.scenarios.closeness import CLOSENESS, closeness
-from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds
+from estlab.scenarios.scenario import History, Scales, Scenario, check_duration, check_positive, check_sds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

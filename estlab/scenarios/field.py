@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from estlab.datasets import agreement, evaluation
-from estlab.datasets.files import DEFAULTS, Files, Options
-from estlab.maths.gaussian import Gaussian
-from estlab.maths.rows import matrix
+from estlab.datasets.data_files import DEFAULTS, Files, Options
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import matrix
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 from estlab.models import landmarks, odometry
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.scenario import (
+    History,
+    Scales,
+    Scenario,
+    check_duration,
+    check_positive,
+    check_sds,
+    diagonal_cov,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

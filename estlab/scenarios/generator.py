@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.linalg import cholesky, gram
-from estlab.maths.rows import Components, Rows
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import Components, Rows
 from estlab.maths.streams import Draws, Streams
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario
+from estlab.scenarios.scenario import History, Scales, Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,15 +8,23 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from estlab.datasets import mrclam
-from estlab.datasets.files import DEFAULTS, Options
-from estlab.maths.gaussian import Gaussian, draw
+from estlab.datasets.data_files import DEFAULTS, Options
+from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, unicycle
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
-from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
 from estlab.scenarios.landmark_files import timeline
+from estlab.scenarios.scenario import (
+    History,
+    Scales,
+    Scenario,
+    check_duration,
+    check_positive,
+    check_sds,
+    diagonal_cov,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

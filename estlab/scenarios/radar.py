@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian, ellipses
+from estlab.maths.gaussian_belief import Gaussian, ellipses
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
 from estlab.models import polar
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_positive, diagonal_cov
+from estlab.scenarios.scenario import History, Scales, Scenario, check_positive, diagonal_cov
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from estlab.errors import UserError
-from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.linalg import cholesky, matvec
-from estlab.maths.rows import Components
 from estlab.maths.space import Array, Space
+from estlab.maths.stacking import Components
 from estlab.maths.streams import Streams
 from estlab.models.answers import covariance, kind, numbers, refuse
-from estlab.models.border import check_motion, check_sensor, try_motion, try_sensor
+from estlab.models.checks import check_motion, check_sensor, try_motion, try_sensor
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
-from estlab.scenarios.contract import Scales
+from estlab.scenarios.scenario import Scales
 
 
 def drawn(

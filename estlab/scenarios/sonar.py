@@ -8,15 +8,23 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from estlab.datasets import matlab, problem4
-from estlab.datasets.files import DEFAULTS, Files, Options
+from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.maths.space import TURN, Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
-from estlab.models import sonar
+from estlab.models import sonar_beams
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
-from estlab.scenarios.contract import History, Scales, Scenario, check_duration, check_positive, check_sds, diagonal_cov
+from estlab.scenarios.scenario import (
+    History,
+    Scales,
+    Scenario,
+    check_duration,
+    check_positive,
+    check_sds,
+    diagonal_cov,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,15 +59,15 @@ class Sonar(Scenario):
         check_positive(speed=self.speed, turn_rate=self.turn_rate)
         check_positive(found_radius=self.found_radius)
         check_sds("process_sd", self.process_sd, 2)
-        check_sds("measurement_sd", self.measurement_sd, sonar.HEARD)
+        check_sds("measurement_sd", self.measurement_sd, sonar_beams.HEARD)
         check_duration(self.duration, self.dt)
         if len(self.bounds) != 4 or not (self.bounds[0] < self.bounds[1] and self.bounds[2] < self.bounds[3]):
             raise ValueError(f"bounds must be minx < maxx, miny < maxy, got {self.bounds}")
         narrow = min(self.bounds[1] - self.bounds[0], self.bounds[3] - self.bounds[2])
         if not 0.0 <= self.margin < 0.5 * narrow:
             raise ValueError(f"margin must be >= 0 and below half of the map's width {narrow:g}, got {self.margin:g}")
-        if len(self.beacons) < sonar.HEARD:
-            raise ValueError(f"beacons must be {sonar.HEARD} or more, one [x, y] each, got {len(self.beacons)}")
+        if len(self.beacons) < sonar_beams.HEARD:
+            raise ValueError(f"beacons must be {sonar_beams.HEARD} or more, one [x, y] each, got {len(self.beacons)}")
         for i, beacon in enumerate(self.beacons):
             if len(beacon) != 2:
                 raise ValueError(f"beacons[{i}] must be two numbers [x, y], got {len(beacon)}")
@@ -70,7 +78,7 @@ class Sonar(Scenario):
 
     @property
     def space(self) -> Space:
-        return sonar.SPACE
+        return sonar_beams.SPACE
 
     @property
     def found_within(self) -> float:
@@ -78,18 +86,24 @@ class Sonar(Scenario):
 
     def motion(self, noise: Scales) -> Motion:
         cov = noise.process_scale**2 * diagonal_cov(self.process_sd)
-        return Motion(sonar.SPACE, sonar.turn_and_move, lambda control, dt: cov, 2, sonar.turn_and_move_jacobians)
+        return Motion(
+            sonar_beams.SPACE,
+            sonar_beams.turn_and_move,
+            lambda control, dt: cov,
+            2,
+            sonar_beams.turn_and_move_jacobians,
+        )
 
     def sensor(self, noise: Scales, places: Array) -> Sensor:
         # A reading does not say which beacons it heard, so it is about all of them and about no single place.
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
         return Sensor(
-            sonar.READING,
-            sonar.SPACE,
-            lambda pose, place: sonar.nearest_ranges(pose, places),
+            sonar_beams.READING,
+            sonar_beams.SPACE,
+            lambda pose, place: sonar_beams.nearest_ranges(pose, places),
             cov,
             places,
-            lambda pose, place: sonar.nearest_ranges_slope(pose, places),
+            lambda pose, place: sonar_beams.nearest_ranges_slope(pose, places),
         )
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
@@ -181,7 +195,9 @@ class Sonar(Scenario):
             # Slower the farther off course, so that no place is circled for ever.
             way = self.speed * self.dt * np.maximum(np.cos(off - turn), 0.1)
             moved[:, k] = way, turn
-            pose = sonar.SPACE.plus(np.stack(sonar.turn_and_move(pose, moved[:, k], still, self.dt)), np.zeros(1))
+            pose = sonar_beams.SPACE.plus(
+                np.stack(sonar_beams.turn_and_move(pose, moved[:, k], still, self.dt)), np.zeros(1)
+            )
             truth[:, k] = pose
             goal = np.where(np.hypot(dx, dy) < _ARRIVED, (goal + 1) % _GOALS, goal)
         return truth, moved

@@ -10,8 +10,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from estlab.config import Settings
-from estlab.paths import options
+from estlab.config.build import Settings
+from estlab.config.locations import options
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override

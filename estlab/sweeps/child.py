@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from estlab import rundir
-from estlab.launch import FAILED, OK
-from estlab.signals import interruptible
+from estlab.launch.launcher import FAILED, OK
+from estlab.parallel.signals import interruptible
 from estlab.sweeps import state
 from estlab.sweeps.job import Job
 

@@ -12,9 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from estlab.composed import described, typed
-from estlab.launch import OK, USAGE, concluded
-from estlab.path_arguments import as_typed
+from estlab.launch.composed import described, typed
+from estlab.launch.launcher import OK, USAGE, concluded
+from estlab.launch.path_arguments import as_typed
 from estlab.rundir import CONFIG, OVERRIDES, RunDirectory, process
 from estlab.sweeps import state
 
@@ -45,9 +45,10 @@ class Job:
 
     def run(self) -> int:
         """Run in its directory, which must not be there; the exit code. It raises an interruption alone."""
-        from estlab import expectations, experiment
-        from estlab.config import build
-        from estlab.ensemble import Names
+        from estlab.config import expectations
+        from estlab.config.build import build
+        from estlab.experiment import experiment
+        from estlab.experiment.monte_carlo import Names
 
         facts: dict[str, Any] = {"fingerprint": state.fingerprint(self.plain, self.scenario, self.filter)}
         if self.plain["parts"]:

@@ -6,12 +6,12 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from estlab import rundir
-from estlab.blocks import block_count
-from estlab.composed import described
-from estlab.config import build
+from estlab.config.build import build
+from estlab.config.groups import Sweep
 from estlab.errors import UserError
-from estlab.groups import Sweep
-from estlab.quoting import unquoted
+from estlab.experiment.blocks import block_count
+from estlab.launch.composed import described
+from estlab.launch.quoting import unquoted
 from estlab.sweeps import split, state
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
-    from estlab.ensemble import Names
+    from estlab.experiment.monte_carlo import Names
 
 _FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # of the sweep itself
 _NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds

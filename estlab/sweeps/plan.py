@@ -33,7 +33,7 @@ def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
 
 
 def _check_zip(swept: Values, zipped: Sequence[str]) -> None:
-    from estlab.config import nearest
+    from estlab.config.build import nearest
 
     for key in zipped:
         if key not in swept:

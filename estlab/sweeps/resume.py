@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from estlab.arguments import CONFIG_DIR, parted, prepared
 from estlab.errors import UserError
-from estlab.path_arguments import home
-from estlab.quoting import elements, literal, quoted, unquoted
+from estlab.launch.arguments import CONFIG_DIR, parted, prepared
+from estlab.launch.path_arguments import home
+from estlab.launch.quoting import elements, literal, quoted, unquoted
 
 # Of the sweep there, these have done their part, or are where it lies.
 _DONE_WITH = ("sweep.dir", "hydra.sweep.dir", "sweep.dry_run")

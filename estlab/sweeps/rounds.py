@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estlab import rundir
+from estlab.config.groups import Sweep
 from estlab.errors import UserError
-from estlab.groups import Sweep
-from estlab.quoting import literal, quoted
+from estlab.launch.quoting import literal, quoted
 from estlab.sweeps import state
 from estlab.sweeps.job import task
 from estlab.sweeps.state import Planned

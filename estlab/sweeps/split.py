@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from estlab.quoting import literal, quoted
+from estlab.launch.quoting import literal, quoted
 from estlab.sweeps import state
 from estlab.sweeps.state import Outcome, Planned
 

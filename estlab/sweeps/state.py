@@ -18,9 +18,9 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
 from estlab import rundir
-from estlab.archive.finished import plugins_of
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
+from estlab.rundir.finished import plugins_of
 from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
 
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")

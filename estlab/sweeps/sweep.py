@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from estlab import rundir
-from estlab.config import sweep_settings
-from estlab.launch import FAILED, INTERRUPTED, OK, USAGE, complain, pasted, write_page
-from estlab.sweeps import jobs, split, state, table, told
+from estlab.config.build import sweep_settings
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted, write_page
+from estlab.sweeps import announcements, jobs, split, state, table
 from estlab.sweeps.progress import watched
 from estlab.sweeps.state import Outcome, Planned
 from estlab.sweeps.work import Work, opened
@@ -36,9 +36,9 @@ class Sweep:
         Raises UserError if nothing can start.
         """
         planned = jobs.planned(self.context, self.config, words, self.limits)
-        told.fewer_parts(planned, self.limits.split_runs)
+        announcements.fewer_parts(planned, self.limits.split_runs)
         if self.limits.dry_run:
-            told.plan(planned, split.outcomes(planned, self.directory))
+            announcements.plan(planned, split.outcomes(planned, self.directory))
             return OK
         with opened(self.directory):
             state.begin(self.directory, sys.argv[1:], planned)
@@ -62,8 +62,8 @@ class Sweep:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
-        notes += told.unlike_plugins(outcomes)
-        told.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
+        notes += announcements.unlike_plugins(outcomes)
+        announcements.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:
             complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")
@@ -73,7 +73,7 @@ class Sweep:
         before = work.outcomes(planned)
         left = [unit for unit in split.units(planned) if not before[unit.name].whole]
         work.claim(left)
-        told.resumed(self.directory, planned, before)
+        announcements.resumed(self.directory, planned, before)
         with work.unstopped(), watched(self.directory, len(before)) as expect:
             expect([unit.name for unit in left], len(before) - len(left))
             work.run(left)

@@ -36,12 +36,12 @@ def draw_all(
     sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, zipped: Sequence[str]
 ) -> list[str]:
     """Draw the plots from the tables; what could not be drawn."""
-    from estlab.report import sweeps
+    from estlab.report import sweep_plots
 
     shown = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweeps.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
+    return sweep_plots.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:

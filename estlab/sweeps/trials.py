@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from estlab import rundir
-from estlab.arguments import OF_A_SWEEP
+from estlab.launch.arguments import OF_A_SWEEP
+from estlab.launch.path_arguments import as_typed
 from estlab.metrics.objective import Objective
-from estlab.path_arguments import as_typed
 from estlab.report.console import console
 from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
@@ -71,13 +71,13 @@ def write(sweep: Path, trials: Sequence[Trial]) -> None:
 
 def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str]:
     """Draw plots/tuning.png from tuning.csv; what could not be drawn."""
-    from estlab.report import tuning
+    from estlab.report import tuning_plots
     from estlab.report.figures import png
 
     if not ranked(trials):
         return []
     try:
-        content = png(tuning.draw(sweep / TUNING, list(trials[0].job.values), objective.words))
+        content = png(tuning_plots.draw(sweep / TUNING, list(trials[0].job.values), objective.words))
     except Warning:
         raise
     except Exception as error:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from estlab import rundir
-from estlab.config import build, nearest, sweep_settings
-from estlab.ensemble import SMOOTHED, Names, filters_of
+from estlab.config.build import build, nearest, sweep_settings
 from estlab.errors import UserError
-from estlab.launch import FAILED, INTERRUPTED, OK, complain, pasted, write_page
+from estlab.experiment.monte_carlo import SMOOTHED, Names, filters_of
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, pasted, write_page
 from estlab.metrics.objective import Objective
-from estlab.sweeps import jobs, split, state, table, told, trials
+from estlab.sweeps import announcements, jobs, split, state, table, trials
 from estlab.sweeps.dimensions import dimension
 from estlab.sweeps.progress import watched
 from estlab.sweeps.state import Planned
@@ -60,9 +60,9 @@ class Tuning:
         study = self._study()
         first, plain, names = self._suggested(study.ask(self._distributions), 0)
         self._check(plain, names)
-        told.fewer_parts([first], self.limits.split_runs)
+        announcements.fewer_parts([first], self.limits.split_runs)
         if self.limits.dry_run:
-            told.plan([first], split.outcomes([first], self.directory))
+            announcements.plan([first], split.outcomes([first], self.directory))
             print(f"the first of {self.limits.trials} trials; the others follow from what it finds")
             return OK
         with opened(self.directory):
@@ -131,7 +131,7 @@ class Tuning:
         open_ones = [job for job in planned if split.whole(job, before).state != "failed"]
         left = [unit for unit in split.units(open_ones) if not before[unit.name].whole]
         work.claim(left)
-        told.damaged(before)
+        announcements.damaged(before)
         expect([unit.name for unit in left], len(before) - len(left))
         work.run(left)
         outcomes = work.outcomes(planned)
@@ -160,8 +160,8 @@ class Tuning:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
-        notes += told.unlike_plugins(outcomes)
-        told.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
+        notes += announcements.unlike_plugins(outcomes)
+        announcements.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
         trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
         write_page(self.directory)
         if interrupted:

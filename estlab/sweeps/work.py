@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estlab.config.groups import Sweep
 from estlab.errors import UserError
-from estlab.groups import Sweep
-from estlab.launch import FAILED
+from estlab.launch.launcher import FAILED
 from estlab.rundir import files
 from estlab.sweeps import split, state
 from estlab.sweeps.rounds import Rounds

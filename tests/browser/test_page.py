@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.browser import chromium
 from tests.cli.test_report import EVIL, sweep
 

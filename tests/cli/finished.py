@@ -5,7 +5,7 @@ import io
 import json
 from pathlib import Path
 
-from estlab.cli import main
+from estlab.cli.main import main
 
 TINY = ("scenario=landmark", "steps=25", "runs=12", "keep_runs=3", "plots=false")
 

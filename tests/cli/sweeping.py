@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from estlab.cli import main
+from estlab.cli.main import main
 
 TINY = ["scenario=landmark", "scenario.duration=0.5", "runs=2"]  # five steps: a run simulates no more
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.rundir import process
 
 GONE = 2**22 + 1  # a process number that Linux gives to none
@@ -158,17 +158,17 @@ def test_a_sweep_goes_whole_by_its_age_alone_and_not_while_it_is_at_work(capsys)
 
 
 def test_what_cannot_be_deleted_is_said_and_the_others_go(capsys, monkeypatch):
-    import estlab.clean
+    import estlab.cli.clean
 
     first, second = run("1", "failed"), run("2", "failed")
-    real = estlab.clean.shutil.rmtree
+    real = estlab.cli.clean.shutil.rmtree
 
     def rmtree(path):
         if path.name == "1":
             raise PermissionError(13, "Permission denied", str(path))
         real(path)
 
-    monkeypatch.setattr(estlab.clean.shutil, "rmtree", rmtree)
+    monkeypatch.setattr(estlab.cli.clean.shutil, "rmtree", rmtree)
     assert main(["clean", "--yes"]) == 1
     out, err = capsys.readouterr()
     assert err == "estlab: runs/1: cannot be deleted (Permission denied)\n"
@@ -178,10 +178,10 @@ def test_what_cannot_be_deleted_is_said_and_the_others_go(capsys, monkeypatch):
 
 
 def test_a_run_that_begins_between_list_and_deletion_stays(capsys, monkeypatch):
-    import estlab.clean
+    import estlab.cli.clean
 
     folder = run("1", "failed")
-    real = estlab.clean._size
+    real = estlab.cli.clean._size
 
     def size(path):
         (path / "status.json").unlink()
@@ -190,7 +190,7 @@ def test_a_run_that_begins_between_list_and_deletion_stays(capsys, monkeypatch):
         )
         return real(path)
 
-    monkeypatch.setattr(estlab.clean, "_size", size)
+    monkeypatch.setattr(estlab.cli.clean, "_size", size)
     assert main(["clean", "--yes"]) == 1
     assert capsys.readouterr().err == "estlab: runs/1: has changed since it was listed, and stays\n"
     assert folder.exists()

@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from estlab import __version__, results
-from estlab.cli import main
+from estlab import __version__
+from estlab.cli.main import main
+from estlab.experiment import results
 from estlab.filters.engine import CompiledLoop
-from estlab.metrics import rows
+from estlab.metrics import tabulated
 from tests.conftest import ROOT
 
 TINY = ["runs=4", "steps=15"]
@@ -40,7 +41,7 @@ def test_help_and_version_name_every_command(capsys):
 
 def test_help_version_and_list_import_nothing_heavy():
     code = (
-        "import sys; from estlab.cli import main; main(['--help']); main(['--version']); main(['list']);"
+        "import sys; from estlab.cli.main import main; main(['--help']); main(['--version']); main(['list']);"
         "print(sorted({'numpy', 'scipy', 'pandas', 'matplotlib', 'hydra', 'rich', 'yaml'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -429,7 +430,7 @@ def test_a_statistic_that_breaks_is_a_remark_and_a_run_without_errors_has_failed
     assert "one over nothing" in Path("remark/report.html").read_text()
     # What is expected of what is missing is not met.
     assert main([*words, "hydra.run.dir=expected"]) == 1
-    monkeypatch.setattr(rows, "_errors", broken)
+    monkeypatch.setattr(tabulated, "_errors", broken)
     capsys.readouterr()
     assert main([*words, "expect=null", "hydra.run.dir=failed"]) == 1
     assert capsys.readouterr().err.startswith("estlab: the run is incomplete, errors of ukf is missing (ZeroDivision")
@@ -557,7 +558,7 @@ def test_completion_installs_for_estlab(capsys):
 def test_an_interruption_while_python_executes_a_text_has_the_exit_code_too():
     """As when a dataclass is being defined; Python itself would end by the signal."""
     program = (
-        "import sys, estlab.cli as cli\n"
+        "import sys, estlab.cli.main as cli\n"
         "def interrupted(arguments):\n    exec('raise KeyboardInterrupt')\n"
         "cli._dispatch = interrupted\nsys.exit(cli.main(['list']))\n"
     )

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estlab.archive.finished import read
-from estlab.archive.rows import labelled, rows_of
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.comparison.rows import labelled, rows_of
 from estlab.report import overlay
+from estlab.rundir.finished import read
 from tests.cli.finished import edit, made
 
 

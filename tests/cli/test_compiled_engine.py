@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.compiled import cache
 from tests import pendulum
 from tests.tracing import compiled

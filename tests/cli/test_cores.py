@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from estlab import workers
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.parallel import pool
 from estlab.sweeps.state import fingerprint
 from tests.cli.sweeping import status, wait_for
 from tests.cli.test_sweep_faults import lives
@@ -69,7 +69,7 @@ def test_a_run_on_several_cores_has_the_bytes_of_one(cores, alone):
 
 
 def test_workers_that_import_everything_give_the_same_bytes(alone, monkeypatch, capsys):
-    monkeypatch.setattr(workers, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "_can_fork", lambda: False)
     assert main(["run", *WORDS, "cores=2", "hydra.run.dir=many"]) == 0
     assert capsys.readouterr().err == ""
     assert cores_of("many") == 2
@@ -83,7 +83,7 @@ def test_a_users_own_scenario_runs_in_workers_that_import_everything(monkeypatch
     text = (ROOT / "conf/scenario/field.yaml").read_text().replace("estlab.scenarios.field.Field", "own_field.Mine")
     assert "own_field.Mine" in text
     Path("conf/scenario/mine.yaml").write_text(text)
-    monkeypatch.setattr(workers, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "_can_fork", lambda: False)
     monkeypatch.syspath_prepend(".")
     words = ["scenario=mine", "plugins=[own_field]", "filter=ekf", "runs=4", "block_runs=2", "keep_runs=1", "steps=5"]
     words += ["plots=false", "cores=2", "hydra.run.dir=own"]
@@ -169,7 +169,7 @@ def test_a_wrong_number_of_cores_is_one_line(word, said, capsys):
 
 def test_linear_algebra_has_one_thread_unless_the_user_says():
     code = (
-        "import os, sys; from estlab.cli import main; main(['run', 'scenario=radar', 'runs=2', 'plots=false', "
+        "import os, sys; from estlab.cli.main import main; main(['run', 'scenario=radar', 'runs=2', 'plots=false', "
         "'report=false', 'hydra.run.dir=' + sys.argv[1]]); print(os.environ.get('OPENBLAS_NUM_THREADS'))"
     )
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from estlab import results
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.cli.stdio import Guarded
+from estlab.experiment import results
 from estlab.rundir import RunDirectory
-from estlab.stdio import Guarded
 from tests.cli.sweeping import TINY, status
 from tests.conftest import ROOT
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.cli.sweeping import TINY, count, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
@@ -139,9 +139,9 @@ def test_submitit_on_this_machine_gives_the_table_of_the_basic_launcher(monkeypa
 
 @pytest.mark.parametrize("engine", ["dask", "joblib", "ray", "submitit_local", "submitit_slurm"])
 def test_an_engine_that_is_not_installed_names_what_installs_it(engine, monkeypatch, capsys):
-    import estlab.arguments
+    import estlab.launch.arguments
 
-    monkeypatch.setattr(estlab.arguments.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(estlab.launch.arguments.importlib.util, "find_spec", lambda name: None)
     assert main(["sweep", *TINY, f"hydra/launcher={engine}"]) == 2
     extra = engine.partition("_")[0]
     assert f"hydra/launcher={engine} needs more: pip install 'estlab[{extra}]'" in capsys.readouterr().err

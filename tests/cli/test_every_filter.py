@@ -7,11 +7,11 @@ from itertools import cycle
 import pytest
 from matplotlib.figure import Figure
 
-from estlab import experiment
-from estlab.ensemble import Names
+from estlab.config.expectations import unmet
 from estlab.errors import UserError
-from estlab.expectations import unmet
-from estlab.launch import concluded
+from estlab.experiment import experiment
+from estlab.experiment.monte_carlo import Names
+from estlab.launch.launcher import concluded
 from estlab.rundir import RunDirectory
 from tests.conftest import options, settings
 from tests.plugins import plugged

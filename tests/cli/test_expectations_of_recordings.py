@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from estlab.arguments import prepared
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.launch.arguments import prepared
 from tests.conftest import ROOT, composed, options
 
 KNOWN = {name: sets for name in options("experiment") if (sets := composed(f"+experiment={name}")["expect_files"])}

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.conftest import options
 
 LAYOUT = {

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.cli.test_files import archived, run, save, simulate, structs
 from tests.cli.test_recordings import assert_same, estimates
 

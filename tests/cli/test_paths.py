@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
-from estlab.quoting import quoted
+from estlab.cli.main import main
+from estlab.launch.quoting import quoted
 from tests.cli.sweeping import TINY, status, table
 from tests.conftest import ROOT
 

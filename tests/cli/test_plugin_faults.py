@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from estlab.attempts import Attempts
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.errors import UserError, plugin_fault, plugins_answer
-from estlab.launch import concluded
+from estlab.experiment.attempts import Attempts
+from estlab.launch.launcher import concluded
+from estlab.parallel.worker import _portable
 from estlab.rundir import RunDirectory
-from estlab.worker import _portable
 from tests.cli.test_readme import block
 
 SOURCE = block("pendulum.py")

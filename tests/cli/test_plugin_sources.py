@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
-from estlab.paths import conf_folder
+from estlab.cli.main import main
+from estlab.config.locations import conf_folder
 from estlab.rundir.sources import sources
 
 SOURCE = "from estlab.scenarios.field import Field\nfrom own.deep import VALUE\n\n\nclass Mine(Field):\n    pass\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.report import terminal
 from estlab.report.console import console
 from tests.cli.finished import edit, made

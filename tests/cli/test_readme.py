@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.conftest import ROOT
 
 README = (ROOT / "README.md").read_text()
@@ -68,7 +68,7 @@ def test_ci_runs_the_readmes_own_test_command():
 
 
 def test_the_keys_that_the_readme_names_exist():
-    from estlab.config import key_paths
+    from estlab.config.build import key_paths
     from tests.conftest import composed
 
     known = {*key_paths(composed()), *key_paths(composed("scenario=landmark"))}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.cli.test_files import LAYOUT, replace_line, run, simulate
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.report import page
 from tests.html import Page
 
@@ -240,7 +240,9 @@ def test_nothing_that_a_directory_names_is_imported_or_run(copy):
         "plugins: [trap]\nscenario: {_target_: trap.Trap}\nx: !!python/object/apply:os.mkdir [sprung]\ny: ${now:}\n"
     )
     (copy / "estimates.npz").write_bytes(pickle.dumps(Trap()))
-    code = "import sys; from estlab.cli import main; main(['report', 'copy']); print(sorted(m for m in sys.modules))"
+    code = (
+        "import sys; from estlab.cli.main import main; main(['report', 'copy']); print(sorted(m for m in sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not Path("sprung").exists()
     assert not {"trap", "yaml", "pickle5", "hydra", "omegaconf"} & set(done.stdout.split("'"))
@@ -276,7 +278,7 @@ def test_a_directory_that_cannot_be_written_is_said_in_one_line(copy, monkeypatc
 
 def test_help_is_light_and_directories_are_completed(copy, monkeypatch, capsys):
     code = (
-        "import sys; from estlab.cli import main; main(['report', '--help']);"
+        "import sys; from estlab.cli.main import main; main(['report', '--help']);"
         "print(sorted({'numpy', 'scipy', 'pandas', 'matplotlib', 'hydra', 'rich', 'yaml'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

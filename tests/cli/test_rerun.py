@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.cli.finished import edit, made
 
 PENDULUM = """
@@ -157,8 +157,8 @@ def test_a_plugin_that_is_typed_is_trusted(capsys, monkeypatch):
     [
         ("os.system", "is refused"),
         ("estlabx.Evil", "is refused"),
-        ("estlab.launch.complain", "does not make a Scenario"),
-        ("estlab.launch.os.system", "there is no"),
+        ("estlab.launch.launcher.complain", "does not make a Scenario"),
+        ("estlab.launch.launcher.os.system", "there is no"),
         ("estlab.rundir.files.Path", "does not make a Scenario"),
         ("estlab.filters.gaussian.extended", "does not make a Scenario"),
     ],
@@ -277,7 +277,7 @@ def test_a_run_of_an_earlier_estlab_takes_the_shipped_values_of_keys_that_it_did
 
 
 def test_a_class_of_a_plugins_own_is_not_given_the_shipped_ones_keys():
-    from estlab.earlier import completed
+    from estlab.config.earlier import completed
 
     own = {"_target_": "mine.Landmark", "dt": 0.1}
     filter = {"_target_": "estlab.filters.gaussian.extended", "noise": "additive"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from tests.cli.test_files import run, save, simulate, structs
 
 U, Z, X = np.array([0.1, 0.2]), np.array([2.0, 3.0, 5.0]), np.array([1.0, 2.0, 0.5])

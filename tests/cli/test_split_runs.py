@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from estlab import experiment
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.experiment import experiment
 from tests.cli.sweeping import rows, status, sweep, table, wait_for
 from tests.cli.test_engines import dask
 from tests.cli.test_sweep_faults import started

@@ -11,10 +11,10 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from estlab import arguments, composition
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.config.locations import conf_folder
 from estlab.errors import UserError
-from estlab.paths import conf_folder
+from estlab.launch import arguments, composition
 from estlab.sweeps import allowed, resume
 from tests.cli.sweeping import TINY, sweep, table
 
@@ -216,7 +216,7 @@ def test_without_the_list_of_what_is_allowed_his_words_are_composed(his, monkeyp
 @pytest.mark.parametrize(
     "word",
     [
-        "+hydra.callbacks.x._target_=estlab.cli.main",
+        "+hydra.callbacks.x._target_=estlab.cli.main.main",
         "+hydra.callbacks.x._target_=estlab.rundir.RunDirectory",
         "+hydra.callbacks.x._target_=estlab.rundir.subprocess.run",
         "+hydra.callbacks.x._target_=os.mkdir",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.rundir import files
 from tests.cli.sweeping import TINY, rows, sweep, table
 

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from estlab import experiment, rundir
-from estlab.cli import main
+from estlab import rundir
+from estlab.cli.main import main
+from estlab.experiment import experiment
+from estlab.parallel.signals import interruptible
 from estlab.rundir import process
-from estlab.signals import interruptible
 from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estlab import experiment
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.experiment import experiment
 from tests.cli.sweeping import TINY, job_folders, rows, sweep, table
 
 
@@ -272,12 +272,12 @@ def test_a_table_that_does_not_fit_on_the_disk_is_told_and_comes_with_the_next_t
 def test_one_number_swept_is_a_curve_two_are_a_map_and_a_choice_is_points():
     from matplotlib.colors import Normalize
 
-    from estlab.report import sweeps
+    from estlab.report import sweep_plots
 
     assert sweep("filter=ekf,ukf", "noise.filter.measurement_scale=1,2", "noise.filter.process_scale=1,2,4") == 0
     frame = pd.read_csv("swept/sweep.csv").copy().assign(_series=lambda found: found["filter"])
     keys, columns, units = ["noise.filter.measurement_scale", "noise.filter.process_scale"], ["rmse.x"], {"rmse.x": "m"}
-    figure = sweeps.draw_maps(frame, columns, keys, ["ekf", "ukf"], units)
+    figure = sweep_plots.draw_maps(frame, columns, keys, ["ekf", "ukf"], units)
     maps = [axes for axes in figure.axes if axes.collections and axes.get_title()]
     assert [axes.get_title() for axes in maps] == ["ekf", "ukf"]
     for axes in maps:
@@ -287,8 +287,8 @@ def test_one_number_swept_is_a_curve_two_are_a_map_and_a_choice_is_points():
         assert isinstance(axes.collections[0].norm, Normalize)
     assert maps[0].collections[0].norm is maps[1].collections[0].norm, "one scale for both filters"
     some = frame[frame[keys[0]] == 1]
-    (axes,) = sweeps.draw_curves(some, columns, keys[1], ["ekf", "ukf"], units).axes
+    (axes,) = sweep_plots.draw_curves(some, columns, keys[1], ["ekf", "ukf"], units).axes
     np.testing.assert_array_equal(axes.lines[0].get_xydata()[:, 1], some[some["filter"] == "ekf"]["rmse.x"])
     assert len(axes.collections) == 2, "a band for each"
-    (axes,) = sweeps.draw_points(some[some[keys[1]] == 1], columns, ["ekf", "ukf"], units).axes
+    (axes,) = sweep_plots.draw_points(some[some[keys[1]] == 1], columns, ["ekf", "ukf"], units).axes
     assert [label.get_text() for label in axes.get_xticklabels()] == ["ekf", "ukf"]

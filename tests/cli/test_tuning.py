@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from estlab import experiment
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.experiment import experiment
 from tests.cli.sweeping import count, rows, status, table, wait_for
 from tests.cli.test_engines import needs
 from tests.cli.test_sweep_faults import started
@@ -244,15 +244,15 @@ def test_a_tuning_that_cannot_start_says_why_and_leaves_nothing(words, message, 
 
 
 def test_a_tuning_without_optuna_names_what_installs_it(monkeypatch, capsys):
-    import estlab.arguments
+    import estlab.launch.arguments
 
-    monkeypatch.setattr(estlab.arguments.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(estlab.launch.arguments.importlib.util, "find_spec", lambda name: None)
     assert main(["sweep", *WORDS]) == 2
     assert "hydra/sweeper=optuna needs more: pip install 'estlab[optuna]'" in capsys.readouterr().err
 
 
 def test_a_picture_is_drawn_of_trials_that_failed_or_were_infinitely_bad():
-    from estlab.report import tuning as picture
+    from estlab.report import tuning_plots as picture
 
     text = "trial,job,a,filter,objective,best,state,error\n0,j,0.1,ekf,2.0,2.0,ok,\n1,j,0.4,ukf,inf,2.0,ok,\n"
     Path("tuning.csv").write_text(text + "2,j,3.0,ekf,,2.0,failed,no\n3,j,1.0,ukf,0.5,0.5,ok,\n")

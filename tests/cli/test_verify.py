@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import estlab.verify
-from estlab.cli import main
+import estlab.cli.verify
+from estlab.cli.main import main
 from estlab.filters.engine import CompiledLoop
 
 TINY = ["scenario=landmark", "filter=ekf", "runs=3", "steps=12", "plots=false"]
@@ -139,7 +139,7 @@ def test_a_sweep_is_held_to_what_is_typed_and_not_to_the_experiments_file(mine):
 
 def test_verify_runs_each_experiment_and_one_that_fails_stops_no_other(mine, capsys, monkeypatch):
     # The user's own alone: all that are shipped take minutes.
-    monkeypatch.setattr(estlab.verify, "conf_folder", lambda: Path("nothing_here"))
+    monkeypatch.setattr(estlab.cli.verify, "conf_folder", lambda: Path("nothing_here"))
     assert main(["verify", *mine]) == 1
     out, err = capsys.readouterr()
     assert err == "estlab: not all is as expected: 3 of 4 expectations met in 3 experiments; 1 run failed\n"

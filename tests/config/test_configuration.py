@@ -7,13 +7,13 @@ from dataclasses import fields
 
 import pytest
 
-from estlab.cli import _comment, main
-from estlab.config import Settings, build, key_paths, nearest
+from estlab.cli.main import _comment, main
+from estlab.config.build import Settings, build, key_paths, nearest
+from estlab.config.expectations import parse
+from estlab.config.groups import Data, Noise
+from estlab.config.locations import conf_folder
 from estlab.errors import UserError
-from estlab.expectations import parse
 from estlab.filters.gaussian import GaussianFilter, extended
-from estlab.groups import Data, Noise
-from estlab.paths import conf_folder
 from tests.conftest import composed, options, settings
 
 
@@ -118,7 +118,12 @@ def test_a_target_outside_the_allowed_packages_is_refused_before_import(target, 
 
 @pytest.mark.parametrize(
     "target",
-    ["estlab.rundir.RunDirectory", "estlab.cli.main", "estlab.rundir.provenance.subprocess", "estlab.cli.nothing"],
+    [
+        "estlab.rundir.RunDirectory",
+        "estlab.cli.main.main",
+        "estlab.rundir.provenance.subprocess",
+        "estlab.cli.main.nothing",
+    ],
 )
 def test_a_target_of_another_kind_is_not_called(target):
     config = composed()

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab import given
-from estlab.cli import main
-from estlab.config import build
-from estlab.ensemble import Names, record_of
+from estlab.cli.main import main
+from estlab.config.build import build
 from estlab.errors import UserError
-from estlab.maths.gaussian import Gaussian
-from estlab.scenarios.contract import History
+from estlab.experiment.monte_carlo import Names, record_of
+from estlab.launch import given_keys
+from estlab.maths.gaussian_belief import Gaussian
+from estlab.scenarios.scenario import History
 from tests.conftest import ROOT, composed, options
 
 # A scenario, and further choices on which it depends what is read.
@@ -127,7 +127,7 @@ def test_every_key_changes_something_or_is_refused(case, source, stray):
             if name in unread:
                 assert after == before or isinstance(after, str), f"{name} is read"
                 with pytest.raises(UserError, match=rf"scenario\.{name}=\S+ would not be read: it is of "):
-                    given.refuse_unread({f"scenario.{name}": unread[name]}, [f"scenario.{name}=7"], {})
+                    given_keys.refuse_unread({f"scenario.{name}": unread[name]}, [f"scenario.{name}=7"], {})
             else:
                 assert after != before, f"scenario.{name} changes nothing"
 

@@ -13,16 +13,16 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 from omegaconf import OmegaConf
 
-from estlab import composition, yaml_bounds
-from estlab.arguments import prepared
-from estlab.cli import main
-from estlab.config import build
-from estlab.ensemble import Names
+from estlab.cli.main import main
+from estlab.config.build import build
+from estlab.config.locations import conf_folder
 from estlab.errors import UserError
-from estlab.experiment import check
-from estlab.path_arguments import PATHS, as_typed, quoted_path
-from estlab.paths import conf_folder
-from estlab.quoting import elements, literal, quoted, unquoted
+from estlab.experiment.experiment import check
+from estlab.experiment.monte_carlo import Names
+from estlab.launch import composition, yaml_bounds
+from estlab.launch.arguments import prepared
+from estlab.launch.path_arguments import PATHS, as_typed, quoted_path
+from estlab.launch.quoting import elements, literal, quoted, unquoted
 from estlab.sweeps.plan import MOST, combinations
 from tests.conftest import composed as plain
 from tests.conftest import options

@@ -5,7 +5,7 @@ import pytest
 
 from estlab.datasets import agreement, mrclam
 from estlab.datasets.clocks import in_order
-from estlab.datasets.files import Options
+from estlab.datasets.data_files import Options
 from estlab.datasets.truth import first_of_each
 from estlab.errors import UserError
 from estlab.scenarios.landmark_files import timeline
@@ -77,7 +77,7 @@ def test_a_landmark_with_a_robots_number_is_refused(tmp_path):
 
 @pytest.mark.parametrize("robot", range(1, 6))
 def test_all_robots_of_the_real_recording_agree_and_run(robot, shared, tmp_path, monkeypatch):
-    from estlab.cli import main
+    from estlab.cli.main import main
 
     folder = shared / "MRCLAM_Dataset6"
     if not folder.is_dir():

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estlab import results, rundir
-from estlab.attempts import Attempts
-from estlab.ensemble import Names, estimated, record_of, workers
+from estlab import rundir
 from estlab.errors import IncompleteError
-from estlab.metrics import rows, series
+from estlab.experiment import results
+from estlab.experiment.attempts import Attempts
+from estlab.experiment.monte_carlo import Names, estimated, record_of, workers
+from estlab.metrics import series, tabulated
 from estlab.metrics.tally import Tally
 from estlab.report import plots
 from estlab.scenarios.sonar import Sonar
@@ -58,15 +59,15 @@ def broken(*_args, **_keys):
 
 
 FIGURES = [
-    (rows, "_all_components", {"shares inside of pf"}, False),
-    (rows, "_judged", {"what is judged of pf"}, False),
-    (rows, "_credibility", {"credibility of pf"}, False),
-    (rows, "_innovations", {"likelihood of pf"}, False),
-    (rows, "_efficiency", {"efficiency of pf"}, False),
-    (rows, "_found", {"found of pf"}, False),
-    (rows, "_noted", {"what the filter noted of pf"}, False),
-    (rows, "_diverged", {"diverged runs of pf"}, False),
-    (rows, "_errors", {"errors of pf"}, True),
+    (tabulated, "_all_components", {"shares inside of pf"}, False),
+    (tabulated, "_judged", {"what is judged of pf"}, False),
+    (tabulated, "_credibility", {"credibility of pf"}, False),
+    (tabulated, "_innovations", {"likelihood of pf"}, False),
+    (tabulated, "_efficiency", {"efficiency of pf"}, False),
+    (tabulated, "_found", {"found of pf"}, False),
+    (tabulated, "_noted", {"what the filter noted of pf"}, False),
+    (tabulated, "_diverged", {"diverged runs of pf"}, False),
+    (tabulated, "_errors", {"errors of pf"}, True),
     (results, "consistency_tests", {"tests of pf"}, False),
     (results, "judge", {"verdict on pf"}, False),
     (series, "errors", {"pf in errors.csv"}, False),

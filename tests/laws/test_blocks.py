@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.blocks import block, block_count
+from estlab.experiment.blocks import block, block_count
 from tests.conftest import settings
 
 UKF, PARTICLES = settings("scenario=field"), settings("scenario=field", "filter=pf", "filter.particles=1000")

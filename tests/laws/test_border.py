@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from estlab.ensemble import Names, check_answers, loop_of, record_of
 from estlab.errors import AnswerError
-from estlab.filters.contract import Fit
+from estlab.experiment.monte_carlo import Names, check_answers, loop_of, record_of
+from estlab.filters.filter import Fit
 from estlab.filters.gaussian import GaussianFilter
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.transforms import Linearised
 from tests.cli.test_readme import block
 from tests.conftest import options, settings

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import sandwich
 from estlab.maths.streams import Streams
 from estlab.metrics.bound import posterior_bound

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estlab import rundir
-from estlab.archive.sameness import _of_estimates
-from estlab.ensemble import Names, estimated, histories_of, loop_of, record_of, workers
+from estlab.comparison.reproducibility import _of_estimates
+from estlab.experiment.monte_carlo import Names, estimated, histories_of, loop_of, record_of, workers
 from estlab.filters.loop import cloud_steps
 from estlab.maths import cloud
 from estlab.maths.streams import Streams

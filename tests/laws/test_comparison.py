@@ -7,7 +7,7 @@ import pytest
 
 from estlab.filters.gaussian import extended
 from estlab.maths.space import Space
-from estlab.metrics.comparison import Comparison, against_best
+from estlab.metrics.paired import Comparison, against_best
 from estlab.metrics.tally import Tally
 from tests import linear
 from tests.conftest import estimate

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.errors import UserError
-from estlab.expectations import (
+from estlab.config.expectations import (
     WORDS,
     Bounds,
     Finding,
@@ -20,6 +19,7 @@ from estlab.expectations import (
     parse_sets,
     unmet,
 )  # fmt: skip
+from estlab.errors import UserError
 
 
 def row(metric, component, value, low=math.nan, high=math.nan):

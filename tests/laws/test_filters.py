@@ -5,7 +5,7 @@ import pytest
 
 from estlab.filters.gaussian import GaussianFilter, dead_reckoning, extended, unscented
 from estlab.filters.square_root import square_root_unscented
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.resampling import Weights
 from estlab.maths.sigma_points import Scaled
 from estlab.maths.streams import Streams

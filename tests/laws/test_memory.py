@@ -5,9 +5,10 @@ import resource
 
 import pytest
 
-from estlab import cores, experiment
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.errors import UserError, is_lack_of_memory
+from estlab.experiment import experiment
+from estlab.parallel import cores
 
 MB = 2**20
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from estlab.compiled.exact import Exact
-from estlab.maths.derivatives import hessian, jacobian
-from estlab.maths.rows import matrix
+from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.space import Space, wrap
+from estlab.maths.stacking import matrix
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, lidar, unicycle, vehicle
 from estlab.models.contract import Motion

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from estlab import rundir
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Space
 from estlab.metrics import series
-from estlab.metrics.rows import histogram_rows
+from estlab.metrics.tabulated import histogram_rows
 from estlab.record import Estimates, Readings, Record
 from estlab.report import plots
 from estlab.report.components import MOST

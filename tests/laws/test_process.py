@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from estlab.archive.finished import unfinished
 from estlab.rundir import RunDirectory, process, worker
+from estlab.rundir.finished import unfinished
 
 OURS = process.marks()
 OLD = {"pid": os.getpid(), "node": OURS["node"], "began": "2100-01-01T00:00:00+00:00"}  # an earlier estlab's

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.maths.rows import matrix, stacked, through
+from estlab.maths.stacking import matrix, stacked, through
 
 MANY = 8
 CONSTANTS = [0.0, 1.0, -1.0, -0.0, 2.5, 1]

@@ -10,7 +10,7 @@ from estlab.maths.linalg import cholesky
 from estlab.maths.streams import Streams
 from estlab.metrics.bound import posterior_bound
 from estlab.metrics.scores import Limits, score
-from estlab.scenarios.contract import Scales
+from estlab.scenarios.scenario import Scales
 from tests.conftest import estimate, options, settings, tallied
 from tests.laws.test_alone import only
 from tests.plugins.constant_velocity import Cart

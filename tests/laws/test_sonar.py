@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from estlab.maths.space import TURN
 from estlab.maths.streams import Streams
-from estlab.models import sonar
-from estlab.scenarios.contract import Scales
+from estlab.models import sonar_beams
+from estlab.scenarios.scenario import Scales
 from tests.conftest import settings
 
 PLACE = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
@@ -17,24 +17,24 @@ PLACE = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
 @given(PLACE, st.lists(PLACE, min_size=3, max_size=8))
 def test_the_ranges_are_the_three_smallest_of_all_in_order(at, beacons):
     brute = sorted(np.hypot(x - at[0], y - at[1]) for x, y in beacons)[:3]
-    found = sonar.nearest_ranges(np.array([*at, 0.3]), np.array(beacons).T)
+    found = sonar_beams.nearest_ranges(np.array([*at, 0.3]), np.array(beacons).T)
     np.testing.assert_allclose(found, brute, rtol=1e-12, atol=1e-12)
 
 
 def test_a_batch_is_each_of_its_members():
     rng = np.random.default_rng(3)
     poses, beacons = rng.uniform(-5.0, 20.0, (3, 4, 6)), rng.uniform(-5.0, 20.0, (2, 5))
-    together = np.stack(sonar.nearest_ranges(poses, beacons))
-    slopes = [np.broadcast_arrays(*row, poses[0])[:3] for row in sonar.nearest_ranges_slope(poses, beacons)]
+    together = np.stack(sonar_beams.nearest_ranges(poses, beacons))
+    slopes = [np.broadcast_arrays(*row, poses[0])[:3] for row in sonar_beams.nearest_ranges_slope(poses, beacons)]
     for i in range(4):
         for j in range(6):
-            np.testing.assert_array_equal(together[:, i, j], sonar.nearest_ranges(poses[:, i, j], beacons))
-            alone = np.array(sonar.nearest_ranges_slope(poses[:, i, j], beacons))
+            np.testing.assert_array_equal(together[:, i, j], sonar_beams.nearest_ranges(poses[:, i, j], beacons))
+            alone = np.array(sonar_beams.nearest_ranges_slope(poses[:, i, j], beacons))
             np.testing.assert_allclose([[entry[i, j] for entry in row] for row in slopes], alone, rtol=1e-15)
 
 
 def test_a_robot_turns_before_it_moves():
-    found = sonar.turn_and_move(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]), np.zeros(2), 0.1)
+    found = sonar_beams.turn_and_move(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]), np.zeros(2), 0.1)
     np.testing.assert_allclose(found, [1.0, 5.0, np.pi / 2], atol=1e-15)
 
 
@@ -68,7 +68,7 @@ def test_encoders_and_sonar_are_off_by_their_noise_at_each_step_whatever_its_len
         off = record.control[:, 1:] - np.stack([way, turn])
         np.testing.assert_allclose(off.reshape(2, -1).std(axis=1), scale * np.array(problem.process_sd), rtol=0.05)
         np.testing.assert_allclose(off.reshape(2, -1).mean(axis=1), 0.0, atol=scale * 0.01)
-        exact = np.stack(sonar.nearest_ranges(record.truth, record.places))
+        exact = np.stack(sonar_beams.nearest_ranges(record.truth, record.places))
         error = record.readings.values - exact
         np.testing.assert_allclose(error.reshape(3, -1).std(axis=1), 2.0 * scale, rtol=0.05)
 

@@ -8,19 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.blocks import block
-from estlab.config import Settings
-from estlab.ensemble import Ensemble, Names, estimated, record_of, workers
+from estlab.config.build import Settings
+from estlab.experiment.blocks import block
+from estlab.experiment.monte_carlo import Ensemble, Names, estimated, record_of, workers
 from estlab.filters.gaussian import extended
 from estlab.maths.space import Space
 from estlab.metrics import series
-from estlab.metrics.comparison import Comparison
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.metrics.intervals import Estimate, holm
 from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.paired import Comparison
 from estlab.metrics.pairwise import Pairwise
-from estlab.metrics.rows import coverage_rows
 from estlab.metrics.scores import Limits, score
+from estlab.metrics.tabulated import coverage_rows
 from estlab.metrics.tally import Tally
 from estlab.record import Estimates, Readings
 from tests import linear

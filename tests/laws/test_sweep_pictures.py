@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from estlab.errors import UserError
-from estlab.report import overlay, sweeps, tuning
+from estlab.report import overlay, sweep_plots, tuning_plots
 
 KEY, OTHER = "filter.alpha", "noise.filter.process_scale"
 
@@ -14,9 +14,9 @@ def drawn(path, keys, monkeypatch, **columns) -> tuple[dict, list[str]]:
     """The figures of a sweep's table, none of them rendered, and what could not be drawn."""
     pd.DataFrame({"filter": "$a$ _b", "status": "ok"} | columns).to_csv(path / "sweep.csv", index=False)
     figures: list = []
-    monkeypatch.setattr(sweeps, "png", lambda figure: figures.append(figure) or b"png")
+    monkeypatch.setattr(sweep_plots, "png", lambda figure: figures.append(figure) or b"png")
     names: list[str] = []
-    missing = sweeps.draw_all(path / "sweep.csv", "a $ title", keys, {}, lambda name, write: names.append(name))
+    missing = sweep_plots.draw_all(path / "sweep.csv", "a $ title", keys, {}, lambda name, write: names.append(name))
     return dict(zip(names, figures, strict=True)), missing
 
 
@@ -31,14 +31,14 @@ def test_a_sweep_of_which_one_value_is_no_number_is_drawn(keys, last, monkeypatc
 
 
 def test_a_picture_of_a_sweep_that_throws_is_missing_alone(monkeypatch, tmp_path):
-    curves = sweeps.draw_curves
+    curves = sweep_plots.draw_curves
 
     def broken(table, columns, *rest):
         if columns == ["anees.all"]:
             raise ZeroDivisionError("one over nothing")
         return curves(table, columns, *rest)
 
-    monkeypatch.setattr(sweeps, "draw_curves", broken)
+    monkeypatch.setattr(sweep_plots, "draw_curves", broken)
     figures, missing = drawn(
         tmp_path, [KEY], monkeypatch, **{KEY: [1, 2], "anees.all": [1.0, 2.0], "rmse.x": [3.0, 4.0]}
     )
@@ -59,7 +59,7 @@ def test_of_forty_components_a_sweep_shows_a_few_and_all_together(monkeypatch, t
 def test_a_tuning_without_an_objective_is_drawn(tmp_path):
     table = {"trial": [0, 1], "job": ["0", "1"], KEY: [0.1, 10.0], "objective": [np.inf, np.nan], "best": [np.nan] * 2}
     pd.DataFrame(table).to_csv(tmp_path / "tuning.csv", index=False)
-    assert len(tuning.draw(tmp_path / "tuning.csv", [KEY], "rmse.$x$").axes) == 2
+    assert len(tuning_plots.draw(tmp_path / "tuning.csv", [KEY], "rmse.$x$").axes) == 2
 
 
 def curves(label: str, rmse: list[float], anees: list[float], components=("x",)) -> overlay.Curves:

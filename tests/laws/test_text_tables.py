@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estlab.datasets.promises import Column
-from estlab.datasets.tables import place, read_table
+from estlab.datasets.text_tables import place, read_table
 from estlab.errors import UserError
 
 XY = (Column("x", missing=True), Column("y", missing=True))

@@ -11,7 +11,7 @@ from benchmarks.calibration import MOTION, SENSOR, STATE, Fault, ensembles, filt
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
-from estlab.metrics import rows as tables
+from estlab.metrics import tabulated as tables
 from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WHITENESS, consistency_tests
 from estlab.metrics.laws import nis_mean
 from estlab.metrics.tally import Tally

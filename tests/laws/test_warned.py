@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 
 from estlab import rundir
-from estlab.cli import main
+from estlab.cli.main import main
+from estlab.rundir.python_warnings import in_a_line
 from estlab.scenarios.sonar import Sonar
-from estlab.warned import in_a_line
 
 TINY = ("scenario=sonar", "filter=pf", "filter.particles=20", "runs=2", "steps=4", "plots=false", "report=false")
 

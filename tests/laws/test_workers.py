@@ -9,16 +9,16 @@ from functools import partial
 
 import pytest
 
-from estlab import cores, workers
 from estlab.errors import UserError, WorkerLostError
-from estlab.workers import Workers
+from estlab.parallel import cores, pool
+from estlab.parallel.pool import Workers
 from tests.pieces import STEPS, work
 
 
 @pytest.fixture(autouse=True)
 def _by_import(monkeypatch):
     """Workers that import everything, as where a process cannot be forked; tests/cli has those that are forked."""
-    monkeypatch.setattr(workers, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "_can_fork", lambda: False)
 
 
 def together(what, pieces, wanted=2):

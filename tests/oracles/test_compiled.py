@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from estlab.compiled import cache
-from estlab.ensemble import Names, loop_of, record_of
 from estlab.errors import UserError
+from estlab.experiment.monte_carlo import Names, loop_of, record_of
 from estlab.filters.engine import CompiledLoop
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
-from estlab.filters.tables import noises
-from estlab.maths.gaussian import Gaussian
+from estlab.filters.step_tables import noises
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.streams import Streams
 from estlab.models.contract import Motion
-from estlab.scenarios.contract import Scales
+from estlab.scenarios.scenario import Scales
 from tests import linear, pendulum
 from tests.compiled import assert_same, by_both, estimated, with_readings
 from tests.conftest import options, settings

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estlab.cli import main
+from estlab.cli.main import main
 from estlab.errors import UserError
-from estlab.maths.derivatives import hessian
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.finite_differences import hessian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky
-from estlab.maths.rows import matrix
+from estlab.maths.stacking import matrix
 from estlab.maths.streams import Streams
 from estlab.maths.transforms import SecondOrder
 from estlab.models import camera

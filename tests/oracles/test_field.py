@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estlab.maths.derivatives import hessian
+from estlab.maths.finite_differences import hessian
 from estlab.maths.linalg import cholesky
-from estlab.maths.rows import matrix
+from estlab.maths.stacking import matrix
 from estlab.maths.streams import Streams
 from estlab.models import landmarks, odometry
 from tests.conftest import estimate, metrics, settings, tallied

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2, norm
 
-from estlab.cli import main
-from estlab.config import build
+from estlab.cli.main import main
+from estlab.config.build import build
 from estlab.errors import UserError
-from estlab.maths.derivatives import hessian
+from estlab.maths.finite_differences import hessian
 from estlab.maths.streams import Streams
 from estlab.models import polar
 from tests.conftest import composed, estimate, metrics, settings, tallied

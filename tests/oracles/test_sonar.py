@@ -8,7 +8,7 @@ from estlab.maths.resampling import SCHEMES, resample
 from estlab.maths.space import Space
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
-from estlab.models import sonar
+from estlab.models import sonar_beams
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
 from tests.conftest import estimate
@@ -21,10 +21,10 @@ MOTION = Motion(LINE, lambda x, u, w, dt: (x[0] + u[0] + w[0],), lambda u, dt: n
 
 
 def ranges(state, place):
-    return sonar.nearest_ranges(np.stack([state[0], np.zeros_like(state[0]), np.zeros_like(state[0])]), MARKS)
+    return sonar_beams.nearest_ranges(np.stack([state[0], np.zeros_like(state[0]), np.zeros_like(state[0])]), MARKS)
 
 
-SENSOR = Sensor(sonar.READING, LINE, ranges, RANGE_SD**2 * np.eye(3), np.empty((0, 1)))
+SENSOR = Sensor(sonar_beams.READING, LINE, ranges, RANGE_SD**2 * np.eye(3), np.empty((0, 1)))
 
 
 def corridor(runs):

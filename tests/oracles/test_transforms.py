@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.sigma_points import _NEAREST2, Cubature, GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Space
 from estlab.maths.transforms import Function, Linearised, SecondOrder

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian, draw
+from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.space import Space
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
-from estlab.scenarios.contract import Scenario
+from estlab.scenarios.scenario import Scenario
 from estlab.scenarios.simulation import walk
 
 STATE = Space(("east", "north", "v_east", "v_north"), ("m", "m", "m/s", "m/s"), position=(0, 1))

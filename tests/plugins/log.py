@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estlab.errors import UserError
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Space
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings, Record
-from estlab.scenarios.contract import Scenario
+from estlab.scenarios.scenario import Scenario
 
 STATE = Space(("x", "y", "heading"), ("m", "m", "rad"), angles=(2,), position=(0, 1))
 READING = Space(("gps_x", "gps_y", "compass"), ("m", "m", "rad"), angles=(2,))

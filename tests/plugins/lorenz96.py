@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estlab.maths.gaussian import Gaussian
+from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Space
 from estlab.models.contract import Motion, Sensor
-from estlab.scenarios.contract import Scenario
+from estlab.scenarios.scenario import Scenario
 from estlab.scenarios.simulation import drawn
 
 SIZE, FORCING = 40, 8.0

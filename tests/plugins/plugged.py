@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from estlab.config import Settings, build
+from estlab.config.build import Settings, build
 from tests.conftest import composed
 
 FOLDER = Path(__file__).parent

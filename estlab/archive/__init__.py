@@ -1,1 +1,0 @@
-"""Run directories that are finished, read as data alone, whoever wrote them."""

@@ -1,0 +1,1 @@
+"""The commands: from the words of a line to what they ask for."""

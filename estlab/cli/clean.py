@@ -1,0 +1,268 @@
+"""estlab clean: which run directories may go, and their end if that is wanted."""
+
+import contextlib
+import os
+import re
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from estlab.errors import UserError
+from estlab.launch.launcher import FAILED, OK, complain
+
+HELP = """\
+estlab clean [FOLDER] [--failed] [--older-than 7d] [--keep-last N] [--yes]
+
+Lists the run directories in FOLDER (runs) that may go, with size, age, status and why, and deletes them only with
+--yes. Without further flags these are the runs that failed, were interrupted, or whose process is gone; those
+that did not find what they were expected to are whole, and stay.
+
+  --failed          those, also beside another condition; all that are given must hold
+  --older-than 7d   runs that ended longer ago: s, m, h, d or w
+  --keep-last N     all but the newest N
+
+A sweep goes as a whole, and by its age alone. Nothing is touched that is at work, that cannot be read, that is a
+link, or that holds other runs.
+
+Exit codes: 0 ok, 1 something could not be deleted, 2 usage.
+"""
+
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_PLAN, _LOCK = "sweep.json", ".lock"  # of a sweep's directory
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line asks for. longer: seconds; keep: how many of the newest stay."""
+
+    folder: Path
+    failed: bool
+    longer: float | None
+    keep: int | None
+    yes: bool
+
+
+@dataclass(frozen=True)
+class Found:
+    """A run's or a sweep's directory. state: its status in a word; stays: why it is not to be touched, if it is not.
+
+    ended: seconds since 1970, of an unfinished run its beginning.
+    """
+
+    path: Path
+    state: str
+    ended: float
+    broken: bool
+    stays: str = ""
+
+
+def clean(arguments: Sequence[str]) -> int:
+    """List what may go, and delete it with --yes; the exit code."""
+    if {"-h", "--help"} & set(arguments):
+        print(HELP, end="")
+        return OK
+    wanted = _read(arguments)
+    from estlab.report import grids
+
+    there = list(_found(wanted.folder))
+    for one in there:
+        if one.stays:
+            complain(f"note: {one.path} stays, {one.stays}")
+    chosen = _chosen(there, wanted)
+    if not chosen:
+        grids.say(f"nothing to delete in {wanted.folder}")
+        return OK
+    sizes = [_size(one.path) for one, _ in chosen]
+    lines = [
+        [str(one.path), f"{size / 1e6:.1f} MB", _age(one.ended), one.state, why]
+        for (one, why), size in zip(chosen, sizes, strict=True)
+    ]
+    grids.show(grids.Grid("", ["directory", "size", "age", "status", "why"], lines, 1))
+    count = f"{len(chosen)} director{'y' if len(chosen) == 1 else 'ies'}, {sum(sizes) / 1e6:.1f} MB"
+    if not wanted.yes:
+        grids.say(f"{count}; --yes deletes them")
+        return OK
+    kept = [line for one, _ in chosen if (line := _delete(one, wanted.folder))]
+    _mend_latest(wanted.folder)
+    for line in kept:
+        complain(line, FAILED)
+    grids.say(f"deleted {len(chosen) - len(kept)} of {count}")
+    return FAILED if kept else OK
+
+
+def _read(arguments: Sequence[str]) -> Wanted:
+    from estlab.config.build import nearest
+    from estlab.rundir.finished import is_run
+
+    folders: list[str] = []
+    given: dict[str, str] = {}
+    words = iter(arguments)
+    for word in words:
+        flag, equals, value = word.partition("=")
+        if not word.startswith("-"):
+            folders.append(word)
+        elif word in ("--failed", "--yes"):
+            given[word] = word
+        elif flag in ("--older-than", "--keep-last"):
+            given[flag] = value if equals else next(words, "")
+        else:
+            flags = ["--failed", "--yes", "--older-than", "--keep-last"]
+            raise UserError(f"estlab clean has no {word}{nearest(word, flags)} (see estlab clean --help)")
+    if len(folders) > 1:
+        raise UserError(f"estlab clean takes one folder of runs, got {', '.join(folders)}")
+    folder = Path(folders[0] if folders else "runs")
+    if not folder.is_dir():
+        raise UserError(f"{folder}: there is no such folder of runs")
+    if is_run(folder) or (folder / _PLAN).exists():
+        raise UserError(f"{folder}: is a run or sweep itself; name the folder that it is in")
+    longer, keep = given.get("--older-than"), given.get("--keep-last")
+    age = re.fullmatch(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)([smhdw])", longer) if longer is not None else None
+    if longer is not None and not age:
+        raise UserError(f"--older-than takes a number and s, m, h, d or w, for example 7d; got {longer!r}")
+    if keep is not None and not re.fullmatch(r"[1-9][0-9]{0,8}", keep):
+        raise UserError(f"--keep-last takes a whole number from 1, got {keep!r}")
+    seconds = float(age[1]) * _SECONDS[age[2]] if age else None
+    return Wanted(folder, "--failed" in given, seconds, int(keep) if keep else None, "--yes" in given)
+
+
+def _found(folder: Path, depth: int = 0) -> "list[Found]":
+    """The runs and sweeps in a folder at any depth; nothing that a link leads to."""
+    from estlab.rundir.finished import is_run
+    from estlab.rundir.search import folders_in
+
+    found: list[Found] = []
+    for path in folders_in(folder) if depth < 6 else []:
+        if (path / _PLAN).is_file():
+            found.append(_sweep(path))
+        elif is_run(path):
+            found.append(_run(path))
+        else:
+            found += _found(path, depth + 1)
+    return found
+
+
+def _run(path: Path) -> Found:
+    from estlab import rundir
+    from estlab.rundir import finished
+
+    try:
+        status = finished.status(path)
+    except UserError as error:
+        return Found(path, "", 0.0, False, f"it cannot be told whose it is ({error})")
+    state = str(status["status"])
+    ended = _stamp(status, path)
+    if (worker := rundir.worker(status)) != "gone":
+        where = "" if worker == "alive" else ", or was on another machine"
+        return Found(path, state, ended, False, f"it is at work{where}")
+    if len(_statuses(path)) > 1:
+        return Found(path, state, ended, False, "it holds other runs")
+    return Found(path, "unfinished" if state == "running" else state, ended, state not in rundir.WHOLE)
+
+
+def _sweep(path: Path) -> Found:
+    """A sweep by its newest job; it stays while one of its jobs, or the sweep itself, is at work."""
+    from estlab.rundir.finished import is_run
+    from estlab.rundir.search import folders_in
+
+    jobs = [_run(job) for job in folders_in(path) if is_run(job)]
+    ok = sum(job.state == "ok" for job in jobs)
+    state = f"sweep, {ok} of {len(jobs)} jobs ok"
+    ended = max([job.ended for job in jobs], default=path.stat().st_mtime)
+    stays = next((f"of its job {job.path.name}: {job.stays}" for job in jobs if job.stays), "")
+    return Found(path, state, ended, False, "it is at work" if _locked(path) else stays)
+
+
+def _locked(sweep: Path) -> bool:
+    """Whether a process holds the lock of a sweep."""
+    import fcntl
+
+    from estlab.rundir import files
+
+    try:
+        with files.opened(sweep, _LOCK) as stream:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
+def _stamp(status: dict[str, Any], path: Path) -> float:
+    """When a run ended, or else began; the age of its status file where it does not say."""
+    with contextlib.suppress(ValueError, TypeError, OverflowError, OSError):
+        return datetime.fromisoformat(status.get("ended") or status["began"]).timestamp()
+    return (path / "status.json").stat().st_mtime
+
+
+def _statuses(path: Path) -> list[Path]:
+    return [Path(folder) for folder, _, files in os.walk(path) if "status.json" in files]
+
+
+def _chosen(there: Sequence[Found], wanted: Wanted) -> list[tuple[Found, str]]:
+    """What all given conditions hold for, and why."""
+    newest = sorted(there, key=lambda one: -one.ended)[: wanted.keep or 0]
+    only_failed = wanted.failed or (wanted.longer is None and wanted.keep is None)
+    chosen = []
+    for one in there:
+        old = wanted.longer is None or time.time() - one.ended > wanted.longer
+        if one.stays or one in newest or not old or (only_failed and not one.broken):
+            continue
+        reasons = [one.state] * only_failed
+        reasons += ["old"] * (wanted.longer is not None)
+        reasons += [f"not of the newest {wanted.keep}"] * (wanted.keep is not None)
+        chosen.append((one, ", ".join(reasons)))
+    return chosen
+
+
+def _delete(one: Found, folder: Path) -> str:
+    """Delete a directory and the empty ones that it leaves in the folder; why it could not be, if so."""
+    inside = one.path.resolve().is_relative_to(folder.resolve()) and one.path.resolve() != folder.resolve()
+    again = _sweep(one.path) if (one.path / _PLAN).is_file() else _run(one.path)
+    if not inside or one.path.is_symlink() or again.stays or again.state != one.state:
+        return f"{one.path}: has changed since it was listed, and stays"
+    try:
+        shutil.rmtree(one.path)
+    except OSError as error:
+        return f"{error.filename or one.path}: cannot be deleted ({error.strerror})"
+    for parent in one.path.parents:
+        if parent == folder:
+            break
+        with contextlib.suppress(OSError):
+            parent.rmdir()  # what is not empty stays
+    return ""
+
+
+def _mend_latest(folder: Path) -> None:
+    """Make ``latest`` point to the newest run that is left, if what it pointed to is gone."""
+    from estlab import rundir
+
+    latest = folder / "latest"
+    if not latest.is_symlink() or latest.exists():
+        return
+    with contextlib.suppress(OSError):
+        latest.unlink()
+        if left := _found(folder):
+            rundir.link_latest(max(left, key=lambda one: one.ended).path, folder)
+
+
+def _size(path: Path) -> int:
+    """Bytes, of links their own."""
+    total = 0
+    for folder, _, files in os.walk(path):
+        for name in files:
+            with contextlib.suppress(OSError):
+                total += (Path(folder) / name).lstat().st_size
+    return total
+
+
+def _age(ended: float) -> str:
+    seconds = max(0.0, time.time() - ended)
+    for unit in ("w", "d", "h", "m"):
+        if seconds >= _SECONDS[unit] * (2 if unit == "w" else 1):
+            return f"{seconds / _SECONDS[unit]:.0f} {unit}"
+    return f"{seconds:.0f} s"

@@ -1,0 +1,201 @@
+"""From the command line to a command."""
+
+import os
+import re
+import sys
+from functools import partial
+from pathlib import Path
+
+from estlab import __version__
+from estlab.cli.stdio import Streams
+from estlab.config.locations import options
+from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory, printable
+from estlab.launch.arguments import CONFIG_DIR, parted
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
+from estlab.parallel.cores import enough_memory, one_thread_each
+from estlab.parallel.signals import interruptible
+from estlab.rundir.python_warnings import in_a_line
+
+HELP = """\
+estlab: a command-line laboratory for nonlinear state estimation
+
+  estlab run scenario=car filter=ukf       run a filter on a problem; a timestamped directory under runs/
+  estlab run filter=[ekf,ukf]              several filters on the same truth and readings
+  estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
+  estlab sweep ... --dry-run               list its jobs and run none
+  estlab sweep --resume DIR                run what is not done of a sweep that was stopped
+  estlab verify                            run every experiment that says what it finds, and hold it to that
+  estlab compare DIR [DIR ...]             runs side by side: intervals, paired tests; --csv, --md, --latex, --plot
+  estlab rerun DIR                         a run again from its own directory: are the figures the same?
+  estlab clean                             list the runs that failed or stopped; --yes deletes them
+  estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
+  estlab report DIR [DIR ...]              draw report.html of a run or a sweep again, from its directory alone
+  estlab list [scenarios|filters|experiments]  what there is; --config-dir DIR, what lies there too
+  estlab run --help                        every key of the configuration, and Hydra's own flags
+  estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
+
+Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration,
+3 some jobs of a sweep failed, 130 interrupted.
+"""
+
+_COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
+_OF_DIRECTORIES = ("compare", "rerun", "clean")
+_HEAD = 4000  # characters of a file in which its comment ends
+_GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command line; its exit code."""
+    streams = Streams()
+    code = _run(sys.argv[1:] if arguments is None else arguments)
+    if why := streams.failure():
+        return complain(f"standard output: {why}; not all of it was written", code or FAILED)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    one_thread_each()
+    interruptible()
+    try:
+        if {*arguments[:1]} & {*_COMMANDS} - {"list"}:
+            enough_memory(f"estlab {arguments[0]}")
+        with in_a_line(complain):
+            return _dispatch(arguments)
+    except UserError as error:
+        return complain(str(error))
+    except KeyboardInterrupt:
+        print("estlab: interrupted", file=sys.stderr)
+        # Where it came while Python executed a text, as a dataclass does when it is defined, Python takes it for
+        # unhandled until the next text, and python -m would end by the signal in place of the exit code.
+        exec("")
+        return INTERRUPTED
+    except OSError as error:
+        if error.strerror is None:
+            raise  # none of the system's: Hydra's, for whoever wants its traceback
+        return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
+    except (MemoryError, ImportError) as error:
+        if not is_lack_of_memory(error):
+            raise
+        return complain(NO_MEMORY, FAILED)
+
+
+def _dispatch(arguments: list[str]) -> int:
+    command, rest = (arguments[0], arguments[1:]) if arguments else ("--help", [])
+    if command in ("-h", "--help", "help"):
+        print(HELP, end="")
+    elif command == "--version":
+        print(f"estlab {__version__}")
+    elif command == "list":
+        return _list(rest)
+    elif command in ("run", "sweep"):
+        if command == "sweep" or {"-m", "--multirun"} & set(rest):
+            from estlab.sweeps.resume import without_own_flags
+
+            rest = without_own_flags(rest)
+        return launch(
+            [*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, ["estlab", *arguments])
+        )
+    elif command == "verify":
+        from estlab.cli.verify import verify
+
+        return verify(rest)
+    elif command == "compare":
+        from estlab.cli.compare import compare
+
+        return compare(rest)
+    elif command == "rerun":
+        from estlab.cli.rerun import rerun
+
+        return rerun(rest)
+    elif command == "clean":
+        from estlab.cli.clean import clean
+
+        return clean(rest)
+    elif command == "simulate":
+        if {"-m", "--multirun"} & set(rest):
+            raise UserError("estlab simulate writes one data set; leave out --multirun")
+        # It makes no run directory, so Hydra's is where the user stands.
+        return launch(["hydra.run.dir=.", *rest], simulate_job)
+    elif command == "report":
+        from estlab.cli.report import report
+
+        report(rest)
+    elif command in ("-sc", "--shell-completion"):
+        return _complete(rest)
+    else:
+        from estlab.config.build import nearest
+
+        raise UserError(f"there is no command {command}{nearest(command, _COMMANDS)} (see estlab --help)")
+    return OK
+
+
+def _list(arguments: list[str]) -> int:
+    """Print the options of each group, the user's own among them, with the comment that heads its file."""
+    if {"-h", "--help"} & set(arguments):
+        print(HELP, end="")
+        return OK
+    flags, kinds = parted(arguments)
+    folders = [Path(flag.removeprefix(f"{CONFIG_DIR[0]}=")) for flag in flags]
+    for flag, folder in zip(flags, folders, strict=True):
+        if not flag.startswith(CONFIG_DIR[0]):
+            raise UserError(f"estlab list takes {CONFIG_DIR[0]} DIR and --help, not {flag}")
+        if not folder.is_dir():
+            raise UserError(f"{CONFIG_DIR[0]}: there is no folder {folder}")
+    for kind in kinds:
+        if kind not in _GROUPS:
+            from estlab.config.build import nearest
+
+            raise UserError(f"estlab list takes {', '.join(_GROUPS)}; got {kind}{nearest(kind, list(_GROUPS))}")
+    for kind in kinds or _GROUPS:
+        print(kind if not kinds else "", end="\n" if not kinds else "")
+        found = options(_GROUPS[kind], folders)
+        width = max(map(len, found))
+        for name, path in found.items():
+            lines = _comment(path)
+            print(printable(f"  {name:{width}}  {lines[0]}"))
+            for line in lines[1:]:
+                print(printable(f"  {'':{width}}  {line}"))
+    return OK
+
+
+def _comment(path: Path) -> list[str]:
+    """The lines of the comment that heads a file."""
+    lines = []
+    with open(path, encoding="utf-8", errors="replace") as stream:
+        head = stream.read(_HEAD)
+    for line in head.splitlines():
+        if not line.startswith("#"):
+            break
+        if not line.startswith("# @package"):
+            lines.append(line.lstrip("# "))
+    return lines or [""]
+
+
+def _complete(arguments: list[str]) -> int:
+    """Answer the shell: our own words first, the rest from Hydra as if there were no subcommand."""
+    line = os.environ.get("COMP_LINE", "")
+    words = line.split()
+    at_second = len(words) < 2 or (len(words) == 2 and not line.endswith(" "))
+    if not any(argument.startswith("query=") for argument in arguments):
+        return launch(["-sc", *arguments], simulate_job)
+    if at_second:
+        print(" ".join(w for w in _COMMANDS if w.startswith(words[1] if len(words) > 1 else "")))
+        return OK
+    if words[1] == "list":
+        print(" ".join(_GROUPS))
+        return OK
+    if words[1] in _OF_DIRECTORIES:
+        return OK  # the shell goes on with files and folders
+    if words[1] == "report":
+        from estlab.cli.report import folders
+
+        print(printable(" ".join(folders("" if line.endswith(" ") else words[-1]))))
+        return OK
+    if words[1] == "verify":
+        from estlab.cli.verify import experiment_files
+
+        begun = "" if line.endswith(" ") else words[-1]
+        print(" ".join(name for name in experiment_files(None) if name.startswith(begun)))
+        line = " ".join([*words[:2], *(word for word in words[2:] if "=" in word and word != begun), begun])
+    os.environ["COMP_LINE"] = re.sub(r"^(\s*\S+\s+)\S+\s", r"\1", line, count=1)
+    return launch(["-sc", *arguments], simulate_job)

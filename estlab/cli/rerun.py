@@ -1,0 +1,251 @@
+"""estlab rerun: a run again from its own directory, and whether its figures are the same."""
+
+import hashlib
+import re
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from estlab.config.earlier import completed
+from estlab.errors import UserError
+from estlab.launch.launcher import FAILED, OK, complain, concluded
+from estlab.launch.path_arguments import PATHS, home
+from estlab.launch.quoting import unquoted
+
+if TYPE_CHECKING:
+    from estlab.comparison.reproducibility import Deviation
+    from estlab.config.build import Settings
+    from estlab.experiment.monte_carlo import Names
+    from estlab.report.grids import Grid
+    from estlab.rundir import RunDirectory
+    from estlab.rundir.finished import Finished
+
+HELP = """\
+estlab rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [cores=N] [output=FOLDER | hydra.run.dir=FOLDER]
+
+Runs again what DIR's config.yaml says, with its seed, into a directory of its own, and compares every figure.
+DIR is data, whoever wrote it: classes come from estlab alone and from the plugins that you type; its own list of
+plugins does not count. Its output does not either: the run goes below runs/, or where you say.
+
+Exit codes: 0 the figures are the same to 1e-9, 1 they are not or the run failed, 2 usage, 130 interrupted.
+"""
+
+_KEYS = ("plugins", "data.path", "cores", "output", "hydra.run.dir")
+_EQUAL = 1e-9
+_LINES = 10
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line asks for."""
+
+    folder: Path
+    plugins: list[str]
+    data: str | None
+    cores: int | None
+    output: str
+    to: str | None
+
+
+def rerun(arguments: Sequence[str]) -> int:
+    """Run again and compare; the exit code."""
+    if {"-h", "--help"} & set(arguments):
+        print(HELP, end="")
+        return OK
+    wanted = _read(arguments)
+    from estlab import rundir
+    from estlab.rundir import finished
+
+    before = finished.read(_itself(wanted.folder))
+    config, added = completed(_config(before, wanted), before.scenario, before.filter)
+    settings, names = _settings(before, config, wanted)
+    if added:
+        complain(f"note: {before.path} is of an earlier estlab; as shipped now: {', '.join(added)}")
+    typed = finished.text(before.path, rundir.OVERRIDES)
+    if why := finished.unfinished(before.status):
+        complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
+    directory = rundir.RunDirectory(_place(wanted, before))
+    origin = str(before.path.resolve())
+    work = partial(_work, directory, before, origin, config, typed, settings, names, list(arguments))
+    code = concluded(directory, work, settings.report)
+    if finished.unfinished(finished.status(directory.path)):
+        return code
+    return FAILED if why else _compare(before, finished.read(directory.path))
+
+
+def _read(arguments: Sequence[str]) -> Wanted:
+    from estlab.config.build import nearest
+    from estlab.rundir.finished import is_run
+
+    keys: dict[str, str] = {}
+    folders = []
+    for word in arguments:
+        key, equals, value = word.partition("=")
+        if word.startswith("-"):
+            raise UserError(f"estlab rerun has no flag {word}; see estlab rerun --help")
+        if not equals or Path(word).exists():
+            folders.append(Path(word))
+        elif key in _KEYS and not value:
+            raise UserError(f"{word}: {key} takes a value; leave it out for none")
+        elif key not in _KEYS:
+            near = nearest(key, _KEYS)
+            raise UserError(f"{word}: estlab rerun runs what was run; it takes {', '.join(_KEYS)} alone{near}")
+        else:
+            keys[key] = home(unquoted(value)) if key in PATHS else value
+    if len(folders) != 1:
+        raise UserError("estlab rerun takes one run directory, for example estlab rerun runs/latest; see --help")
+    if not is_run(folders[0]):
+        raise UserError(f"{folders[0]}: is no run directory, it has no status.json")
+    plugins = keys.get("plugins", "[]")
+    if not (match := re.fullmatch(r"\[([\w\s,]*)\]", plugins)):
+        raise UserError(f"plugins={plugins}: write a list, for example plugins=[mine]")
+    typed = [name.strip() for name in match[1].split(",") if name.strip()]
+    output = keys.get("output", "runs")
+    cores = int(keys["cores"]) if re.fullmatch("[1-9][0-9]{0,8}", keys.get("cores", "")) else None
+    if cores is None and keys.get("cores", "null") != "null":
+        raise UserError(f"cores={keys['cores']}: write a whole number from 1, for example cores=1")
+    return Wanted(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
+
+
+def _itself(folder: Path) -> Path:
+    """The directory and not the link ``latest``, which the new run is about to move; as seen from here."""
+    path = folder.resolve()
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def _config(before: "Finished", wanted: Wanted) -> dict[str, Any]:
+    """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
+    config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
+    if config.get("engine") == "numba":  # what compiled the steps before
+        config["engine"] = "auto"
+    data = config.get("data")
+    if isinstance(data, Mapping) and data.get("source") == "files":
+        config["data"] = dict(data) | {"path": _data_path(before, str(data.get("path")), wanted.data)}
+    elif wanted.data:
+        raise UserError(f"data.path={wanted.data} would not be read: the run's data were simulated")
+    return config
+
+
+def _data_path(before: "Finished", was: str, typed: str | None) -> str:
+    """Where the data are: as typed, as they were called, or where run.json has them; changed files are said.
+
+    Raises UserError for files that are gone.
+    """
+    files = [Path(file) for file in before.data]
+    recorded = Path(was)
+    for place in [p for file in files for p in (file, *file.parents)]:
+        if place.parts[-len(recorded.parts) :] == recorded.parts:
+            recorded = place
+            break
+    path = Path(typed) if typed else Path(was) if Path(was).exists() else recorded
+    for file, digest in zip(files, before.data.values(), strict=True):
+        here = path / (file.relative_to(recorded) if file.is_relative_to(recorded) else file.name)
+        if not here.exists() and not file.is_relative_to(recorded):
+            here = file  # of a folder of its own, by data.files
+        if not here.is_file():
+            raise UserError(f"{here}: the data file is gone; give its folder as data.path=FOLDER")
+        with open(here, "rb") as stream:
+            found = hashlib.file_digest(stream, "sha256").hexdigest()
+        if found != digest:
+            complain(f"warning: {here} has changed: SHA-256 {digest[:12]} before, {found[:12]} now")
+    return str(path)
+
+
+def _settings(before: "Finished", config: Mapping[str, Any], wanted: Wanted) -> "tuple[Settings, Names]":
+    """The configuration as objects, held to estlab's own classes and the plugins that were typed."""
+    from estlab import rundir
+    from estlab.config.build import build
+    from estlab.experiment import experiment
+    from estlab.experiment.monte_carlo import Names
+
+    names = Names(before.scenario, before.filter, before.changes)
+    if wanted.plugins:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        settings = build(config)
+        experiment.check(settings, names)
+    except UserError as error:
+        theirs = before.config.get("plugins")
+        hint = f" (its own plugins, {theirs}, do not count: type those that you trust)" if theirs else ""
+        where = "" if str(error).startswith("plugins: ") else f"{before.path / rundir.CONFIG}: "  # those are typed
+        raise UserError(f"{where}{error}{hint}") from error
+    return settings, names
+
+
+def _place(wanted: Wanted, before: "Finished") -> Path:
+    if wanted.to:
+        return Path(wanted.to)
+    stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}"
+    name = f"{before.scenario}_{'-'.join(before.filters)}".replace("/", "-")
+    return Path(wanted.output) / f"{stamp}_{name[:100]}"
+
+
+def _work(
+    directory: "RunDirectory",
+    before: "Finished",
+    origin: str,
+    config: dict[str, Any],
+    typed: str,
+    settings: "Settings",
+    names: "Names",
+    arguments: list[str],
+) -> str:
+    """Run; what was expected and not found."""
+    import yaml
+
+    from estlab import rundir
+    from estlab.comparison import reproducibility
+    from estlab.config import expectations
+    from estlab.experiment import experiment
+
+    directory.describe(rerun_of=origin)
+    directory.write_text(rundir.CONFIG, yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
+    directory.write_text(rundir.OVERRIDES, typed)
+    directory.link_latest(Path(settings.output))
+    findings = experiment.run(settings, names, directory, ["estlab", "rerun", *arguments])
+    directory.describe(changed=reproducibility.changes(before.facts, directory.facts()))
+    return expectations.unmet(findings)
+
+
+def _compare(before: "Finished", now: "Finished") -> int:
+    """Say whether the figures are the same, and what has changed; the exit code."""
+    from estlab.comparison import reproducibility
+    from estlab.report import grids
+
+    try:
+        found = reproducibility.deviations(before.path, now.path)
+    except UserError as error:
+        return complain(f"the figures cannot be compared: {error}", FAILED)
+    largest = found[0].relative if found else 0.0
+    for bound, said in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
+        if largest <= bound:
+            grids.say(f"the figures are those of {before.path}: identical {said}")
+            break
+    else:
+        grids.show(_table(found))
+    hashes = sorted(before.data.values()) != sorted(now.data.values())
+    changed = [*reproducibility.changes(before.facts, now.facts), *(["data files, by their SHA-256"] if hashes else [])]
+    grids.say(
+        f"changed: {'; '.join(changed)}" if changed else "nothing has changed: estlab, packages, machine, data, plugins"
+    )
+    if largest <= _EQUAL:
+        return OK
+    return complain(f"the figures are not those of {before.path}", FAILED)
+
+
+def _table(found: "Sequence[Deviation]") -> "Grid":
+    from estlab.report.grids import Grid
+
+    lines = [
+        [one.file, one.what, _number(one.before), _number(one.now), f"{one.relative:.2g}"] for one in found[:_LINES]
+    ]
+    title = f"the largest of {len(found)} differences, relative to the column's largest value"
+    return Grid(title, ["file", "what", "before", "now", "relative"], lines, 2)
+
+
+def _number(value: float) -> str:
+    return "" if value != value else f"{value:.10g}"

@@ -1,0 +1,173 @@
+"""estlab verify: the experiments that say what they find, run and held to it."""
+
+import contextlib
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estlab.config.locations import conf_folder
+from estlab.errors import UserError
+from estlab.launch import yaml_bounds
+from estlab.launch.given_keys import other_data
+from estlab.launch.launcher import FAILED, OK, USAGE, complain, launch, remove_if_ours, run_job
+from estlab.launch.path_arguments import home
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from estlab.config.expectations import Finding
+
+HELP = """\
+estlab verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]
+
+Runs every experiment whose file has an expect block, or those named, and holds each to it. The runs stand side by
+side below one folder, <output>/<date>/<time>_verify/, without plots and pages; at the end one table says what was
+expected and what was found. key=value holds for every run: estlab verify seed=2 asks whether the answers hang on the
+seed, estlab verify epuck_smooth data=files data.path=DIR what it expects of that recording.
+
+Exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted.
+"""
+
+_CONFIG_DIR = ("--config-dir", "-cd")
+
+
+@dataclass
+class Outcome:
+    """What became of one experiment. error: why there is nothing to hold it to, in one line."""
+
+    experiment: str
+    findings: "list[Finding]" = field(default_factory=list)
+    folder: Path | None = None
+    code: int = OK
+    error: str = ""
+
+    def __str__(self) -> str:
+        met = sum(finding.met for finding in self.findings)
+        return f"failed: {self.error}" if self.error else f"{met} of {len(self.findings)} met"
+
+
+def verify(arguments: list[str]) -> int:
+    """Run what the words ask for and print one table; the exit code."""
+    from estlab.report.console import console
+
+    if {"-h", "--help"} & set(arguments):
+        print(HELP, end="")
+        return OK
+    names, keys, config_dir = _read(arguments)
+    experiments = _chosen(names, experiment_files(config_dir))
+    # Flags before keys, where Hydra sees them.
+    before, after = ["--config-dir", str(config_dir)] if config_dir else [], ["plots=false", "report=false", *keys]
+    stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}_verify"
+    out, outcomes = console(), []
+    width = max(map(len, experiments))
+    for i, name in enumerate(experiments, 1):
+        out.print(f"{i:{len(str(len(experiments)))}} of {len(experiments)}  {name:{width}}  ", end="")
+        began = time.monotonic()
+        outcomes.append(_run(name, [*before, f"+experiment={name}", *after], stamp))
+        out.print(f"{outcomes[-1]}, {time.monotonic() - began:.0f} s", markup=False, soft_wrap=True)
+    folder = next((outcome.folder for outcome in outcomes if outcome.folder), None)
+    if len({outcome.error for outcome in outcomes}) == 1 and all(outcome.code == USAGE for outcome in outcomes):
+        # One mistake on the command line, as every run says: none began.
+        if folder:
+            remove_if_ours(folder, folder.parent.parent)
+        return complain(outcomes[0].error)
+    return _conclude(outcomes, folder)
+
+
+def experiment_files(config_dir: Path | None) -> dict[str, Path]:
+    """Every experiment by its name; the shipped one where a user's has the same, as Hydra takes it."""
+    folders = [config_dir, conf_folder()] if config_dir else [conf_folder()]
+    return {path.stem: path for folder in folders for path in sorted((folder / "experiment").glob("*.yaml"))}
+
+
+def _read(arguments: Sequence[str]) -> tuple[list[str], list[str], Path | None]:
+    """The experiments named, the keys that every run is given, and the user's folder of configuration."""
+    names: list[str] = []
+    keys: list[str] = []
+    folder = None
+    words = iter(arguments)
+    for word in words:
+        flag, equals, value = word.partition("=")
+        if flag in _CONFIG_DIR:
+            value = value if equals else next(words, "")
+            folder = Path(home(value))
+            if not value or not folder.is_dir():
+                raise UserError(f"{flag} takes a folder of configuration, got {value!r}")
+        elif word.startswith("-"):
+            raise UserError(f"estlab verify takes --config-dir DIR and --help, not {word}")
+        elif word.lstrip("+").startswith(("experiment=", "hydra.")):
+            raise UserError(
+                f"{word}: estlab verify names the experiments and places the runs; see estlab verify --help"
+            )
+        elif word == "~expect" or word in ("expect=null", "expect={}"):
+            raise UserError(f"{word} leaves nothing to verify")
+        else:
+            (keys if equals or word.startswith("~") else names).append(word)
+    return names, keys, folder
+
+
+def _chosen(names: Sequence[str], known: dict[str, Path]) -> list[str]:
+    """Those named, or every one that has expectations."""
+    from estlab.config.build import nearest
+
+    for name in names:
+        if name not in known:
+            raise UserError(f"there is no experiment {name}{nearest(name, list(known))} (see estlab list experiments)")
+    chosen = list(dict.fromkeys(names)) or [name for name, path in known.items() if _expects(path)]
+    if not chosen:
+        raise UserError("no experiment has expectations; give one an expect block")
+    return sorted(chosen)
+
+
+def _expects(path: Path) -> bool:
+    """Whether an experiment's file has expectations. One that cannot be read is run, to say why."""
+    from omegaconf import DictConfig, OmegaConf
+
+    try:
+        yaml_bounds.checked(path)
+        content = OmegaConf.load(path)
+    except Exception:
+        return True
+    return not isinstance(content, DictConfig) or bool(content.get("expect"))
+
+
+def _run(name: str, words: list[str], stamp: str) -> Outcome:
+    """One experiment in its own directory, with nothing on the screen."""
+    outcome = Outcome(name)
+
+    def job(config: "DictConfig") -> int:
+        outcome.folder = Path(str(config.output)) / stamp
+        return run_job(["estlab", "run", *words], config, outcome.findings.extend)
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            outcome.code = launch([*words, f"hydra.run.dir=${{output}}/{stamp}/{name}"], job)
+        except UserError as error:
+            outcome.code = complain(str(error))
+    if outcome.code == OK and not outcome.findings:
+        outcome.code = FAILED
+        outcome.error = "it has no expectations" + " of this recording" * other_data(words)
+    elif outcome.code != OK and all(finding.met for finding in outcome.findings):
+        outcome.error = said.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
+    return outcome
+
+
+def _conclude(outcomes: Sequence[Outcome], folder: Path | None) -> int:
+    """Print the table of all and the count; the exit code."""
+    from estlab.report import expected
+    from estlab.report.console import console
+
+    lines = [(o.experiment, *finding.cells()) for o in outcomes for finding in o.findings]
+    broken = [o for o in outcomes if o.error]
+    lines += [(o.experiment, "", "", "", o.error, "FAILED") for o in broken]
+    expected.show(("experiment", *expected.HEADINGS), lines)
+    findings = [finding for o in outcomes for finding in o.findings]
+    met = sum(finding.met for finding in findings)
+    count = f"{met} of {len(findings)} expectations met in {len(outcomes)} experiment{'s' * (len(outcomes) > 1)}"
+    failed = f"; {len(broken)} run{'s' * (len(broken) > 1)} failed" if broken else ""
+    console().print(f"{count}{failed}: {folder or 'no run began'}", markup=False, soft_wrap=True)
+    return OK if met == len(findings) and not broken else complain(f"not all is as expected: {count}{failed}", FAILED)

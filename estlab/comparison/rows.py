@@ -1,0 +1,172 @@
+"""The lines of a comparison: each filter of each run, its metrics, and what tells it from the others."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from estlab import rundir
+from estlab.errors import UserError
+from estlab.metrics.intervals import Estimate
+from estlab.rundir.finished import Finished, table
+
+# Keys that change no figure, and those that stand in a row otherwise.
+_NO_MATTER = (
+    "output",
+    "plots",
+    "report",
+    "plugins",
+    "expect",
+    "keep_runs",
+    "block_runs",
+    "cores",
+    "filters",
+    "filter",
+    "sweep",
+)
+_SHOWN, _LONGEST = 4, 32
+
+Metric = tuple[str, str]  # its name and its component
+
+
+class Figure(NamedTuple):
+    """A metric's value, and its unit."""
+
+    found: Estimate
+    unit: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """A filter of a run. label: what tells it from the other rows. settings: dotted keys and values of its figures."""
+
+    run: Finished
+    filter: str
+    metrics: Mapping[Metric, Figure]
+    verdict: str
+    settings: Mapping[str, Any]
+    label: str = ""
+
+
+def rows_of(run: Finished) -> list[Row]:
+    """A row for each set of estimates in a run's metrics.csv.
+
+    Raises UserError, naming the file, for one that cannot be used.
+    """
+    words, numbers = ("filter", "metric", "component", "unit"), ("value", "ci_low", "ci_high", "n")
+    metrics = table(run.path, rundir.METRICS, words, numbers)
+    if metrics.empty:
+        raise UserError(f"{run.path / rundir.METRICS}: holds no line")
+    found = []
+    for name, lines in metrics.groupby("filter", sort=False):
+        figures: dict[Metric, Figure] = {}
+        verdict = ""
+        for _, metric, component, unit, value, low, high, n in lines[[*words, *numbers]].itertuples(index=False):
+            if metric == "verdict":
+                verdict = component
+            else:
+                count = int(n) if 0 <= n < 1e15 else 0
+                figures[metric, component] = Figure(Estimate(value, low, high, count), unit)
+        found.append(Row(run, str(name), figures, verdict, _settings(run, str(name))))
+    return found
+
+
+def labelled(rows: Sequence[Row]) -> list[Row]:
+    """The rows with labels: scenario if it is not the same for all, filter, each key whose value is not that of most
+    rows, and the directory where these are the same."""
+    several = len({row.run.scenario for row in rows}) > 1
+    differing = _differing(rows)
+    labels = []
+    for row, keys in zip(rows, differing, strict=True):
+        parts = [row.run.scenario] * several + [row.filter]
+        parts += [f"{key}={short(row.settings[key])}" for key in keys[:_SHOWN]]
+        labels.append(" ".join(parts))
+    return [
+        replace(row, label=label if labels.count(label) == 1 else f"{label} {_place(row, rows)}")
+        for row, label in zip(rows, labels, strict=True)
+    ]
+
+
+def short(value: object) -> str:
+    """A value as it is typed, cut where it is long."""
+    said = f"{value:g}" if isinstance(value, float) else str(value)
+    if value is None or isinstance(value, bool):
+        said = {None: "null", True: "true", False: "false"}[value]
+    return said if len(said) <= _LONGEST else f"{said[: _LONGEST - 1]}…"
+
+
+def flat(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a configuration by its dotted key; a list is a value."""
+    for key, value in node.items() if isinstance(node, Mapping) else ():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _settings(run: Finished, filter: str) -> dict[str, Any]:
+    config = run.config
+    several = config.get("filters")
+    of_filter = config.get("filter")
+    if isinstance(several, Mapping):
+        of_filter = several.get(filter, several.get(filter.removesuffix("_smoothed"), of_filter))
+    kept = {key: value for key, value in config.items() if key not in _NO_MATTER}
+    return dict(flat(kept)) | dict(flat({"filter": of_filter}))
+
+
+def _differing(rows: Sequence[Row]) -> list[list[str]]:
+    """Each row's keys whose values more than half of the rows that are alike, of a scenario, of a filter, or all, do
+    not share."""
+    usual: dict[tuple[str, str], dict[str, str | None]] = {}
+    for of, keys in (("scenario", ("scenario.",)), ("filter", ("filter.",)), ("", ("",))):
+        groups: dict[str, list[Row]] = {}
+        for row in rows:
+            groups.setdefault(_group(row, of), []).append(row)
+        for name, alike in groups.items():
+            usual[of, name] = _usual(alike, keys)
+    return [
+        [
+            key
+            for key, value in row.settings.items()
+            if usual[_kind(key), _group(row, _kind(key))][key] != _written(value)
+        ]
+        for row in rows
+    ]
+
+
+def _usual(rows: Sequence[Row], beginnings: tuple[str, ...]) -> dict[str, str | None]:
+    """Of each key, the value that more than half of those who have it share; None if there is none."""
+    values: dict[str, Counter[str]] = {}
+    for row in rows:
+        for key, value in row.settings.items():
+            if key.startswith(beginnings):
+                values.setdefault(key, Counter())[_written(value)] += 1
+    most = {key: (counts.most_common(1)[0], counts.total()) for key, counts in values.items()}
+    return {key: value if 2 * count > total else None for key, ((value, count), total) in most.items()}
+
+
+def _written(value: object) -> str:
+    """Equal for values that are the same."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return repr(float(str(value))) if number else repr(value)
+
+
+def _kind(key: str) -> str:
+    group = key.partition(".")[0]
+    return group if group in ("scenario", "filter") else ""
+
+
+def _group(row: Row, kind: str) -> str:
+    return {"scenario": row.run.scenario, "filter": row.filter}.get(kind, "")
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two values of configurations are equal: 1 and 1.0 are, 1 and true are not."""
+    return _written(a) == _written(b)
+
+
+def _place(row: Row, rows: Sequence[Row]) -> str:
+    """A run directory's name, with its folder's if another has the same."""
+    names = {other.run.path.resolve() for other in rows if other.run.path.resolve().name == row.run.path.resolve().name}
+    path = row.run.path.resolve()
+    return path.name if len(names) == 1 else f"{path.parent.name}/{path.name}"

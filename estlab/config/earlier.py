@@ -1,0 +1,52 @@
+"""Configurations that an earlier estlab wrote: the keys that it did not have yet take their shipped values."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from estlab.config.locations import conf_folder
+
+_OF_HYDRA = ("defaults", "hydra")
+
+
+def completed(config: Mapping[str, Any], scenario: str, filter: str) -> tuple[dict[str, Any], list[str]]:
+    """A configuration with the keys that it lacks, and their names.
+
+    scenario, filter: what its scenario and its filter are called in conf/. A part of a problem or filter that is not
+    the shipped one of that name is left as it is.
+    """
+    added: list[str] = []
+    found = _filled(config, _shipped("config"), "", added)
+    for group, option in (("scenario", scenario), ("filter", filter), ("data", "simulated")):
+        # Simulated data have every key of data, with values that change nothing.
+        found[group] = _filled(found.get(group), _shipped(f"{group}/{option}"), f"{group}.", added)
+    if isinstance(several := found.get("filters"), Mapping):
+        found["filters"] = {
+            name: _filled(node, _shipped(f"filter/{name}"), f"filters.{name}.", added) for name, node in several.items()
+        }
+    return found, added
+
+
+def _filled(node: Any, shipped: Mapping[str, Any], path: str, added: list[str]) -> Any:
+    if not isinstance(node, Mapping) or node.get("_target_") != shipped.get("_target_"):
+        return node
+    filled = dict(node)
+    for key, value in shipped.items():
+        if key not in node and not _is_composed(value):
+            filled[key] = value
+            added.append(f"{path}{key}")
+    return filled
+
+
+def _is_composed(value: Any) -> bool:
+    """Whether a value is nothing without the rest of the configuration."""
+    return isinstance(value, str) and "${" in value
+
+
+def _shipped(name: str) -> dict[str, Any]:
+    """A file of conf/ as plain data, without what is Hydra's; nothing if there is none."""
+    file = conf_folder() / f"{name}.yaml"
+    if not file.is_file():
+        return {}
+    return {k: v for k, v in yaml.safe_load(file.read_text(encoding="utf-8")).items() if k not in _OF_HYDRA}

@@ -1,0 +1,92 @@
+"""The files of the robot on video: its positions and, for comparison, its heading angle alpha. Seed document 004.
+
+Rows are frames, so NaN stands for what the camera missed.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from estlab.datasets.data_files import Files
+from estlab.datasets.promises import Column, check_headings
+from estlab.datasets.text_tables import format_table, place, read_table
+from estlab.datasets.whole import write_text
+from estlab.errors import UserError
+from estlab.maths.space import Array
+
+LAYOUT = {"positions": ("XYData_cm.csv",), "headings": ("HeadingAngle_rad.csv",)}
+_POSITION = (Column("x", missing=True), Column("y", missing=True))
+_HEADING = (Column("alpha", missing=True),)
+_LEAST = 3  # frames: two make the initial estimate, and one more is something to filter
+
+
+@dataclass(frozen=True)
+class Recording:
+    """fixes: (2, N) x and y [cm]. alpha: (N,) heading [rad], measured in the same frames. NaN where not measured.
+
+    first: the number of the first frame kept. The first two have a fix.
+    """
+
+    fixes: Array
+    alpha: Array
+    first: int = 0
+    files: tuple[Path, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def read(files: Files) -> Recording:
+    """Read positions and, if there is such a file, headings, from the first two neighbouring frames with a fix on.
+
+    Raises UserError, naming file and line, where one is missing or not as the layout says.
+    """
+    positions, headings = files.path("positions"), files.find("headings")
+    fixes = read_table(positions, _POSITION, ",", timed=False).T
+    alpha = np.full(fixes.shape[1], np.nan)
+    if headings:
+        alpha = read_table(headings, _HEADING, ",", timed=False)[:, 0]
+        if fixes.shape[1] != alpha.size:
+            raise UserError(
+                f"{headings}: {alpha.size} rows for the {fixes.shape[1]} of {positions.name}; one row a frame in "
+                "each, nan where nothing was measured"
+            )
+        check_headings(alpha, fixes[0], fixes[1], partial(place, headings, blank=True))
+    seen = np.asarray(np.isfinite(fixes).all(axis=0))
+    pairs = np.flatnonzero(seen[1:] & seen[:-1])
+    if not pairs.size or fixes.shape[1] - pairs[0] < _LEAST:
+        left = f"; no two neighbours of the first {seen.size - 1} have a fix" if seen.size >= _LEAST else ""
+        raise UserError(
+            f"{positions}: {seen.size} rows{left}; at least {_LEAST} are needed, two with a fix for the start, one more"
+        )
+    first = int(pairs[0])
+    remarks = (
+        *_missing(positions, ~seen[first:], first, "fix"),
+        *(
+            [f"the first {first} of {seen.size} frames are left out: two fixes in a row make the start"]
+            if first
+            else []
+        ),
+        *(() if headings else (files.lacks("headings"),)),
+        *(_missing(headings, np.isnan(alpha[first:]), first, "alpha") if headings else ()),
+    )
+    read = (positions, headings) if headings else (positions,)
+    return Recording(fixes[:, first:], alpha[first:], first, read, remarks)
+
+
+def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
+    """Write both files, without a header as the originals; the files written."""
+    tables = {LAYOUT["positions"][0]: recording.fixes.T, LAYOUT["headings"][0]: recording.alpha[:, None]}
+    return [
+        write_text(folder / f"{prefix}{name}", format_table((), np.asarray(rows), ",")) for name, rows in tables.items()
+    ]
+
+
+def _missing(path: Path, missing: Array, first: int, what: str) -> tuple[str, ...]:
+    """A remark about the frames (N,) without something, the first of which has the number ``first`` in the file."""
+    if not missing.any():
+        return ()
+    where = place(path, first + int(missing.argmax()), blank=what == "alpha")
+    return (
+        f"{where}: no {what} in {int(missing.sum())} of {missing.size} frames, this the first; taken as not measured",
+    )

@@ -1,0 +1,1 @@
+"""One experiment: records, filters, sums, results."""

@@ -1,0 +1,300 @@
+"""An ensemble of runs through filters, block by block, every filter on the same truth and readings."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from estlab.config.build import Settings
+from estlab.errors import UserError
+from estlab.experiment.blocks import block, block_count
+from estlab.filters.engine import CompiledLoop
+from estlab.filters.filter import Filter
+from estlab.filters.loop import Loop
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws, Streams
+from estlab.metrics.each_run import EachRun
+from estlab.metrics.paired import Comparison
+from estlab.metrics.pairwise import Pairwise
+from estlab.metrics.scores import Limits, quietly
+from estlab.metrics.tally import Tally
+from estlab.parallel.pool import Workers
+from estlab.record import Estimates, Record
+from estlab.scenarios.scenario import History
+from estlab.validation import problem
+from estlab.validation.user_filter import try_filter
+
+SMOOTHED = "_smoothed"
+_CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
+
+log = logging.getLogger("estlab")
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the user chose, as he named it, and what he changed.
+
+    set_aside: whether expectations of his experiment were left out, being of other data than he took.
+    """
+
+    scenario: str
+    filter: str
+    changes: tuple[str, ...] = ()
+    set_aside: bool = False
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Of runs: a tally for each set of estimates by name, filters compared, the first runs one by one, further sums."""
+
+    tallies: dict[str, Tally]
+    comparison: Comparison
+    each_run: EachRun
+    sums: dict[str, Array]
+
+    def plus(self, other: "Totals") -> "Totals":
+        """Of the runs of both, those of the other coming after."""
+        return Totals(
+            {name: tally.plus(other.tallies[name]) for name, tally in self.tallies.items()},
+            self.comparison.plus(other.comparison),
+            self.each_run.plus(other.each_run),
+            {name: array + other.sums[name] for name, array in self.sums.items()},
+        )
+
+
+@dataclass(frozen=True)
+class Block:
+    """What is left of a block of runs: totals, seconds that each filter took and, of the first block, histories.
+
+    totals: or why there are none.
+    """
+
+    totals: Totals | str
+    seconds: dict[str, float]
+    kept: dict[str, dict[str, Array]]
+
+
+@dataclass
+class Ensemble:
+    """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds spent.
+
+    record: of the first block. failure: why there is no total of all runs, if there is none.
+    """
+
+    record: Record
+    failure: str = ""
+    blocks: Pairwise[Totals] = field(default_factory=Pairwise)
+    kept: dict[str, dict[str, Array]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @quietly
+    def add(self, number: int, block: Block) -> None:
+        """Take in a block, once."""
+        if isinstance(block.totals, str):
+            self.failure = self.failure or block.totals
+        else:
+            self.blocks.add(0, number, block.totals)
+        self.kept |= block.kept
+        for name, spent in block.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
+
+    @cached_property
+    @quietly
+    def total(self) -> Totals:
+        """Of all blocks. Raises RuntimeError where a block's could not be computed."""
+        if self.failure:
+            raise RuntimeError(self.failure)
+        return self.blocks.total()
+
+    def cost(self, runs: int) -> dict[str, float]:
+        """Seconds a run and step of each filter, of so many runs; a smoother's are in its filter's."""
+        seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in self.kept}
+        return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
+
+
+def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
+    """The filters by name."""
+    return settings.filters or {names.filter: settings.filter}
+
+
+def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
+    """A filter with the models as it assumes them."""
+    scenario, noise = settings.scenario, settings.noise.filter
+    parts = filter, *problem.models_of(scenario, noise, places), *problem.scheme_of(scenario)
+    return Loop(*parts) if settings.engine == "numpy" else CompiledLoop(*parts, insist=settings.engine == "compiled")
+
+
+_loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
+
+
+def _kept_loop(settings: Settings, name: str, filter: Filter, places: Array) -> Loop:
+    """The loop of the block before, if there was one with the same settings; else a new one."""
+    known = _loops.get(name)
+    if known is None or known[0] is not settings or not np.array_equal(known[1], places):
+        known = _loops[name] = settings, places, loop_of(settings, filter, places)
+    return known[2]
+
+
+def check_answers(settings: Settings, names: Names, first: Record) -> None:
+    """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
+    streams = Streams(settings.seed, names.scenario)
+    filters = filters_of(settings, names)
+    models = problem.models_of(settings.scenario, settings.noise.filter, first.places)
+    problem.check(settings.scenario, *models, first, list(filters.values()))
+    for name, filter in filters.items():
+        if not type(filter).__module__.startswith("estlab."):
+            draws = streams.draws(f"filter/{name}", range(first.runs if first.each_its_own else 1))
+            try_filter(problem.name_of(filter), filter, *models, first, draws)
+
+
+def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
+    """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
+    streams = Streams(settings.seed, names.scenario)
+    scenario, data = settings.scenario, settings.data
+    if data.source == "files":
+        options = (data.options,) if scenario.file_names else ()
+        make = partial(scenario.read, Path(data.path or "."), data.prefix, streams, runs, *options)
+    else:
+        make = partial(scenario.simulate, streams, runs, settings.noise.truth)
+    record = problem.recorded(scenario, make, len(runs)).first(settings.steps)
+    if settings.dropped == 0.0:
+        return record
+    if record.readings.step.size == 0:
+        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+    return record.thinned(settings.dropped, streams, runs)
+
+
+def workers(settings: Settings, names: Names) -> Workers[Block]:
+    """Processes for the blocks of all runs, or of a part; none where parts are put together."""
+    count = block_count(settings)
+    which, parts = settings.part or (0, 1)
+    blocks = range(which * count // parts, (which + 1) * count // parts)
+    return Workers(partial(block_of, settings, names, None), blocks[: 0 if settings.parts else None], settings.cores)
+
+
+def estimated(
+    settings: Settings,
+    names: Names,
+    first: Record,
+    workers: Workers[Block],
+    progress: Callable[[int], Callable[[int], None]],
+) -> Ensemble:
+    """All runs of all filters, or those of a part. progress: told of all steps, gives what counts some.
+
+    first: the record of the ensemble's first block.
+    """
+    ensemble = Ensemble(first)
+    steps = progress(len(workers.pieces) * first.time.size * len(filters_of(settings, names)))
+    for number, found in workers.results(partial(block_of, settings, names, first), steps):
+        ensemble.add(number, found)
+    taken = sum(1 << level for level, _ in ensemble.blocks.nodes)
+    if taken != len(workers.pieces) and not ensemble.failure:
+        raise RuntimeError(f"{taken} blocks came back of {len(workers.pieces)}")
+    return ensemble
+
+
+def block_of(settings: Settings, names: Names, first: Record | None, number: int, tick: Callable[[], None]) -> Block:
+    """A block of runs through all filters. first: the record of the first block, if it is made already."""
+    runs = block(settings, number)
+    record = first if first and number == 0 else record_of(settings, names, runs)
+    streams = Streams(settings.seed, names.scenario)
+    found: dict[str, Estimates] = {}
+    seconds: dict[str, float] = {}
+    for name, filter in filters_of(settings, names).items():
+        loop = _kept_loop(settings, name, filter, record.places)
+        draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
+        loop.prepare(record, draws)
+        began = time.perf_counter()
+        watched = min(settings.keep_runs, _CLOUDS) if number == 0 else 0
+        found |= _found(loop, name, record, draws, tick, settings.smooth, watched)
+        seconds[name] = time.perf_counter() - began
+    kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
+    try:
+        totals: Totals | str = _totals(settings, record, found, runs)
+    except Warning:
+        raise
+    except Exception as error:
+        log.warning("no statistics of runs %d to %d", runs[0], runs[-1], exc_info=True)
+        totals = f"{type(error).__name__} in the statistics of runs {runs[0]} to {runs[-1]}: {error}"
+    return Block(totals, seconds, kept)
+
+
+def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> Totals:
+    """Totals of no runs yet, for these sets of estimates."""
+    space, begin = settings.scenario.space, settings.run_numbers.start
+    limits = Limits(settings.scenario.found_within, settings.scenario.lost_beyond)
+    tallies = {name: Tally(space, record.time, limits, record.repeated, begin) for name in names}
+    return Totals(tallies, Comparison(space, record.repeated), EachRun(space), record.sums)
+
+
+def _totals(settings: Settings, record: Record, found: dict[str, Estimates], block: range) -> Totals:
+    totals = empty_totals(settings, record, found)
+    squares = {name: totals.tallies[name].add(record, estimates, block) for name, estimates in found.items()}
+    totals.comparison.add(squares)
+    totals.each_run.add(record, squares, block, settings.run_numbers.start)
+    return totals
+
+
+def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
+    """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
+
+    mean and cov for one filter, <filter>.mean and <filter>.cov for several; of a particle filter a sample of the
+    cloud at some steps beside them, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
+    """
+    readings, record = ensemble.record.readings, ensemble.record
+    count = next(iter(ensemble.kept.values()))["truth"].shape[2]
+    taken = np.isfinite(readings.values[:, :, :count]).any(axis=(0, 2))
+    arrays = {
+        "run": np.arange(first, first + count),
+        "time": record.time,
+        "truth": record.truth[:, :, :count],
+        "step": readings.step[taken],
+        "values": readings.values[:, taken, :count],
+        "target": readings.target[taken, :count],
+        "places": record.places,
+    }
+    for name, kept in ensemble.kept.items():
+        prefix = f"{name}." if len(ensemble.kept) > 1 else ""
+        arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
+    sums = {} if ensemble.failure else ensemble.total.sums
+    return arrays | {f"shown.{name}": array for name, array in (record.shown | sums).items()}
+
+
+def history_of(arrays: dict[str, Array], name: str, filters: int, place: int = 0) -> History:
+    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
+    prefix = f"{name}." if filters > 1 else ""
+    shown = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
+    return History(
+        time=arrays["time"],
+        truth=arrays["truth"][..., place],
+        mean=arrays[f"{prefix}mean"][..., place],
+        cov=arrays[f"{prefix}cov"][..., place],
+        step=arrays["step"],
+        values=arrays["values"][..., place],
+        target=arrays["target"][..., place],
+        places=arrays["places"],
+        shown=shown,
+        run=int(arrays["run"][place]),
+    )
+
+
+def _found(
+    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool, watched: int
+) -> dict[str, Estimates]:
+    if not smooth:
+        return {name: loop.estimate(record, draws, tick, watched)}
+    filtered, smoothed = loop.estimate_and_smooth(record, draws, tick)
+    return {name: filtered, name + SMOOTHED: smoothed}
+
+
+def _kept(record: Record, estimates: Estimates, count: int) -> dict[str, Array]:
+    return {
+        "truth": record.truth[:, :, :count],
+        "mean": estimates.mean[:, :, :count],
+        "cov": estimates.cov[:, :, :, :count],
+        **{f"cloud.{key}": array for key, array in estimates.cloud.items()},
+    }

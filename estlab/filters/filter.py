@@ -1,0 +1,115 @@
+"""What every filter answers."""
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+
+from estlab.maths.gaussian_belief import Gaussian
+from estlab.maths.linalg import summed
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
+from estlab.maths.uniform import Uniform
+from estlab.models.contract import Motion, Sensor
+
+Prior = Gaussian | Uniform
+
+
+class Fit(NamedTuple):
+    """How a reading fitted.
+
+    whitened: (m, runs) the innovation divided by the lower factor of its covariance: independent standard normals if
+    all is as the filter assumes, their squares summing to the NIS; NaN where nothing was measured or it was gated.
+    log_scale: (m, runs) the logarithm of that factor's diagonal, which sums to half the log-determinant; NaN likewise.
+    gated: (runs,) whether the reading was refused as an outlier.
+    """
+
+    whitened: Array
+    log_scale: Array
+    gated: Array
+
+
+class Sample(NamedTuple):
+    """That a covariance is a sample's: (runs,) of how many states, and what it is times of the unbiased one."""
+
+    size: Array
+    scale: Array
+
+
+class Cloud(NamedTuple):
+    """A sample of the points that stand for a belief: points (n, S, runs), weights (S, runs) that sum to one."""
+
+    points: Array
+    weights: Array
+
+
+def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Fit:
+    """The fit of a reading from its whitened innovation and the factor (m, m, runs) that whitened it.
+
+    missing: (m, runs) what of the reading was not measured.
+    gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
+    pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
+    """
+    every = range(whitened.shape[0])
+    log_scale = np.log(factor[every, every])
+    if gate is None:
+        refused, unused = np.zeros(whitened.shape[1:], dtype=bool), missing
+    else:
+        nis = summed(whitened * whitened, 0)
+        refused = np.asarray(nis > chi_square_quantile(gate, (~missing).sum(axis=0)))
+        unused = missing | refused
+    if unused.any():
+        whitened, log_scale = np.where(unused, np.nan, whitened), np.where(unused, np.nan, log_scale)
+    return Fit(whitened, log_scale, refused)
+
+
+def chi_square_quantile(share: float, freedom: Array) -> Array:
+    """What a chi-square of these degrees of freedom stays below with this probability; infinite for no freedom."""
+    from scipy.special import gammaincinv
+
+    return np.where(freedom > 0, 2.0 * gammaincinv(0.5 * np.maximum(freedom, 1), share), np.inf)
+
+
+class Belief(Protocol):
+    """What a filter carries for a batch of runs."""
+
+    def of(self, runs: Array) -> Self:
+        """The belief in some of the runs, by their place in the batch."""
+
+    def put(self, runs: Array, part: Any) -> Self:
+        """The belief with those of some runs replaced."""
+
+
+class Filter(ABC):
+    """A belief, carried from reading to reading. What a belief is, each family knows for itself."""
+
+    def check(self, motion: Motion, sensor: Sensor) -> None:  # noqa: B027 - most have nothing to refuse
+        """Raise ValueError, naming the key, if the filter is not defined for these models."""
+
+    @abstractmethod
+    def start(self, prior: Prior, draws: Draws) -> Any:
+        """The belief before the first step. draws: the filter's own streams, one a run."""
+
+    @abstractmethod
+    def predict(self, motion: Motion, belief: Any, control: Array, dt: float) -> Any:
+        """The belief dt [s] later."""
+
+    @abstractmethod
+    def update(self, sensor: Sensor, belief: Any, reading: Array, place: Array) -> tuple[Any, Fit]:
+        """The belief given a reading (m, runs) about places (p, runs). A NaN in the reading was not measured."""
+
+    @abstractmethod
+    def moments(self, belief: Any, motion: Motion) -> Gaussian:
+        """Mean (n, runs) and covariance (n, n, runs) of a belief."""
+
+    def sample(self, belief: Any) -> Sample | None:
+        """The sample whose covariance :meth:`moments` gives; None where it is computed, not sampled."""
+        return None
+
+    def cloud(self, belief: Any, runs: int) -> Cloud | None:
+        """A sample of the points of the first runs; None where a belief is no cloud."""
+        return None
+
+    def notes(self, belief: Any) -> dict[str, Array]:
+        """Further numbers (runs,) to keep of each step, by name, such as the effective sample size."""
+        return {}

@@ -1,0 +1,107 @@
+"""What Hydra composed for a run or a job, as plain data and as objects."""
+
+from collections.abc import Mapping
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, cast
+
+from estlab.errors import UserError
+from estlab.launch import given_keys
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+    from estlab.config.build import Settings
+    from estlab.experiment.monte_carlo import Names
+
+# What a title says anyway, or what changes nothing in the figures.
+_TOLD = (
+    "scenario=",
+    "filter=",
+    "runs=",
+    "steps=",
+    "seed=",
+    "data",
+    "plots=",
+    "report=",
+    "output=",
+    "plugins=",
+    "keep_runs=",
+    "block_runs=",
+    "cores=",
+    "expect",
+    "++expect",
+    "sweep.",
+    "objective=",
+    "part=",
+    "parts=",
+)
+
+
+def settings_of(config: "DictConfig") -> "tuple[Settings, Names]":
+    """The composed configuration as objects, and what the user called them."""
+    from estlab.config.build import build
+
+    plain, names = described(config)
+    return build(plain), names
+
+
+def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
+    """The composed configuration as plain data, and what the user called its parts."""
+    from hydra.core.hydra_config import HydraConfig
+    from omegaconf import OmegaConf
+
+    from estlab.experiment.monte_carlo import Names
+
+    hydra = HydraConfig.get()
+    plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
+    data = plain.get("data")
+    if hydra.job.chdir and isinstance(data, dict) and data.get("path"):
+        data["path"] = str(Path(raw(hydra.runtime)["cwd"]) / str(data["path"]))
+    words = typed()
+    chosen = [word for word in words if word.startswith("filter=")]
+    filters = plain.get("filters")
+    if not isinstance(filters, Mapping):
+        filters = {}  # what is none is said where it is built
+    if filters and chosen and not any("filter@filters" in word for word in words):
+        theirs = ",".join(filters)
+        raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+    given_keys.refuse_single_filter(words, filters)
+    folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
+    stated = given_keys.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
+    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
+        given_keys.refuse_unread(_unread(plain), words, stated)
+    changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
+    choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
+    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
+    scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
+    return plain, Names(scenario, filter, changes, given_keys.other_data(words) and bool(stated.get("expect")))
+
+
+def _unread(plain: "dict[str, Any]") -> dict[str, str]:
+    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
+    from estlab.config.build import build
+
+    try:
+        settings = build(plain)
+    except UserError:
+        return {}
+    scenario, source = settings.scenario, settings.data.source
+    unread = {f"scenario.{key}": reader for key, reader in scenario.unread(source).items()}
+    for key in ("clock_faults", "clock_gap"):
+        if source == "simulated" or key not in scenario.clocks:
+            unread[f"data.{key}"] = "data=files" if key in scenario.clocks else "other files, that carry times"
+    return unread
+
+
+def typed() -> list[str]:
+    """What is typed for the run or job that is composed now, as Hydra takes it."""
+    from hydra.core.hydra_config import HydraConfig
+
+    return [str(word) for word in raw(HydraConfig.get().overrides)["task"]]
+
+
+def raw(node: Any) -> dict[str, Any]:
+    """A node of what Hydra composed with ${...} as it stands there: in the name of a folder it is no interpolation."""
+    from omegaconf import OmegaConf
+
+    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))

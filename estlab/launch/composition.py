@@ -1,0 +1,169 @@
+"""What Hydra composes, held to what a run may have, before Hydra makes anything of it."""
+
+import inspect
+import pickle
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import hydra._internal.core_plugins.file_config_source as hydras_files
+import hydra._internal.hydra as hydras_own
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.sources_registry import SourcesRegistry
+from hydra.plugins.config_source import ConfigResult
+from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict, read_write
+from omegaconf.errors import OmegaConfBaseException
+
+from estlab.config.locations import conf_folder
+from estlab.config.targets import located
+from estlab.errors import UserError
+from estlab.launch import yaml_bounds
+from estlab.launch.path_arguments import PATHS, home
+
+# What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
+_PLUGINS = ("hydra.launcher._target_", "hydra.sweeper._target_")
+_PLUGIN = re.compile(r"hydra_plugins\.|hydra\._internal\.core_plugins\.")
+_HYDRAS_CALLBACK = re.compile(r"hydra\.experimental\.callbacks\.\w+Callback")
+# Python's logging calls whatever "()" and "class" name, and imports what follows ext://.
+_LOGGERS = re.compile(r"logging\.((Stream|File|Null)Handler|Formatter|handlers\.(Timed)?RotatingFileHandler)")
+_COLOURS = "colorlog.ColoredFormatter"
+_STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
+
+
+def install() -> None:
+    """From now on Hydra composes by what is here, in this process and in those that are given its jobs."""
+    SourcesRegistry.instance().types["file"] = FileConfigSource
+    hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
+    hydras_own.Hydra = Hydra  # type: ignore[misc]
+
+
+class Hydra(hydras_own.Hydra):
+    """Hydra's own, which composes everything once more to know its mode, though no file of estlab's states one."""
+
+    def get_mode(self, config_name: str | None, overrides: list[str]) -> Any:
+        places = {str(place.path) for place in self.config_loader.get_search_path().get_path()}
+        ours = {"pkg://hydra.conf", str(conf_folder()), "structured://"}
+        if config_name == "config" and places <= ours and not any(map(may_state_a_mode, overrides)):
+            return None
+        return super().get_mode(config_name, overrides)
+
+
+def may_state_a_mode(word: str) -> bool:
+    """Whether it does, or chooses a file that may: one that has not just the name of a shipped one."""
+    key, _, value = word.strip().lstrip("+~").partition("=")
+    group = key.partition("@")[0]
+    if (conf_folder() / group).is_dir():
+        return not re.fullmatch(r"[\w,\[\] ]*", value)
+    return "/" in group or bool(re.match(r"hydra(\.mode|\.searchpath|$)", group))
+
+
+class FileConfigSource(hydras_files.FileConfigSource):
+    """A folder of configuration whose files are looked at before they are read, and read once for each content.
+
+    Hydra composes twice for a run, and again for each job of a sweep. This has the name of Hydra's own class, whose
+    registry takes a second class of a name for the first.
+    """
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        path = Path(self.path) / self._normalize_file_name(config_path)
+        if not path.is_file():
+            return super().load_config(config_path)
+        content = yaml_bounds.checked(path)
+        # A copy for each, since Hydra changes what it is given.
+        found: ConfigResult = pickle.loads(_read(self.provider, self.path, config_path, content))
+        return found
+
+
+@lru_cache(maxsize=256)
+def _read(provider: str, folder: str, config_path: str, content: bytes) -> bytes:
+    """What Hydra reads of a file with this content, as a pickle."""
+    return pickle.dumps(hydras_files.FileConfigSource(provider, f"file://{folder}").load_config(config_path))
+
+
+class CheckedLoader(ConfigLoaderImpl):
+    """Hydra's, but for what it composes: a home is written out, and the node ``hydra`` may call little.
+
+    Hydra configures logging, makes callbacks, sweeper and launcher of what this returns.
+    """
+
+    def load_configuration(self, *arguments: Any, **options: Any) -> DictConfig:
+        config = super().load_configuration(*arguments, **options)
+        _write_out_homes(config)
+        check(config)
+        return config
+
+
+def _write_out_homes(config: DictConfig) -> None:
+    for path in PATHS:
+        group, _, key = path.rpartition(".")
+        node = OmegaConf.select(config, group) if group else config
+        found = node._get_node(key) if isinstance(node, DictConfig) else None
+        raw = found._value() if found is not None else None
+        if isinstance(raw, str) and raw.startswith("~"):
+            with read_write(node), open_dict(node):
+                node[key] = home(raw)
+
+
+def check(config: DictConfig) -> None:
+    """Raise UserError for what Hydra would call, of its own node, outside estlab and the plugins that are listed."""
+    plugins = config.get("plugins")
+    listed = [name for name in plugins if isinstance(name, str)] if isinstance(plugins, ListConfig) else []
+    if listed and str(Path.cwd()) not in sys.path:
+        # An installed command, unlike python -m, does not look where the user stands.
+        sys.path.insert(0, str(Path.cwd()))
+    allowed = ("estlab", *listed)
+    for path, key, value in _values(config.hydra, "hydra"):
+        where = f"{path}.{key}"
+        if key == "_target_":
+            _check_target(where, value, allowed)
+        elif path.startswith(("hydra.job_logging", "hydra.hydra_logging")):
+            _check_logging(where, key, value, allowed)
+    _check_callbacks(config.hydra.callbacks)
+
+
+def _check_callbacks(callbacks: Any) -> None:
+    for name in callbacks:
+        with suppress(OmegaConfBaseException):
+            if isinstance(callbacks[name], DictConfig) and isinstance(callbacks[name].get("_target_"), str):
+                continue
+        raise UserError(f"hydra.callbacks.{name} names no class; write +hydra.callbacks.{name}._target_=PACKAGE.CLASS")
+
+
+def _values(node: Any, path: str) -> Iterator[tuple[str, str, Any]]:
+    """Every value of a node with its path and key, as Hydra will take it; None for one that cannot be known yet."""
+    keys = list(node) if isinstance(node, DictConfig) else range(len(node))
+    for key in keys:
+        try:
+            value = node[key]
+        except OmegaConfBaseException:
+            value = None
+        if isinstance(value, DictConfig | ListConfig):
+            yield from _values(value, f"{path}.{key}")
+        else:
+            yield path, str(key), value
+
+
+def _check_target(path: str, name: Any, allowed: tuple[str, ...]) -> None:
+    if path in _PLUGINS and _PLUGIN.match(str(name)):
+        return
+    if path.startswith("hydra.callbacks.") and _HYDRAS_CALLBACK.fullmatch(str(name)):
+        return
+    found = located(str(name), path, allowed)
+    if re.fullmatch(r"hydra\.callbacks\.[^.]+\._target_", path) and not _is_callback(found):
+        raise UserError(f"{path} {name} is no callback: a class with methods such as on_run_start and on_job_end")
+
+
+def _is_callback(found: Any) -> bool:
+    return inspect.isclass(found) and any(name.startswith("on_") for name in dir(found))
+
+
+def _check_logging(path: str, key: str, value: Any, allowed: tuple[str, ...]) -> None:
+    if key in ("()", "class"):
+        if not (_LOGGERS.fullmatch(str(value)) or value == _COLOURS):
+            located(str(value), path, allowed)
+    elif isinstance(value, str) and re.match(r"(ext|cfg)://", value) and value not in _STREAMS:
+        raise UserError(f"{path} {value} is refused: a log goes to {' or '.join(_STREAMS)}, or to a file")

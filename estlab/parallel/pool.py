@@ -1,0 +1,188 @@
+"""Pieces of one job in several processes: this one and workers, which it starts, feeds, hears and ends."""
+
+import logging
+import multiprocessing
+import pickle
+import signal
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
+
+from estlab.errors import WorkerLostError
+from estlab.parallel import cores, worker
+from estlab.parallel.signals import ENDING
+
+R = TypeVar("R")
+Work = Callable[[int, Callable[[], None]], R]
+
+_EVERY = 0.05  # seconds between looks at what workers say
+_AHEAD = 2  # pieces that a worker has at a time, so that it need not wait for this process to look up
+# Seconds of work left from which it pays to start workers that import everything, a quarter of a second each.
+_WORTH = 1.0
+
+
+class Workers(Generic[R]):
+    """Processes that share the pieces of a job with this one, each taking the next when it is done with one.
+
+    work: what is done to a piece, given its number and what to call after each step; results are pickled. pieces: their
+    numbers; the first is this process's own. wanted: how many processes, this one included; None for as many as there
+    are cores and pieces, where they pay.
+
+    A process of one thread is forked, which takes 5 ms: its workers begin at once. Else, and on other systems than
+    Linux, workers import everything, and unless they are wanted begin when the first piece has shown that they pay.
+    """
+
+    def __init__(self, work: Work[R], pieces: Sequence[int], wanted: int | None) -> None:
+        self._work, self.pieces, self._left = work, pieces, pieces[1:]
+        self._processes: dict[Connection, BaseProcess] = {}
+        self._given: Counter[Connection] = Counter()
+        self._finished: list[tuple[int, R]] = []
+        self._steps: Callable[[int], None] = lambda count: None
+        self._heard = 0.0
+        self._most = cores.processes(wanted, len(pieces))
+        self.cores = 1  # processes at work, this one included
+        self._forks = _can_fork()
+        self._at_once = self._forks or wanted is not None
+
+    def __enter__(self) -> Self:
+        cores.keep_memory()
+        if self._at_once:
+            self._start()
+        return self
+
+    def __exit__(self, error: object, *_: object) -> None:
+        self._end(at_once=error is not None)
+
+    def results(self, here: Work[R], steps: Callable[[int], None]) -> Iterator[tuple[int, R]]:
+        """The number and result of each piece, as they come.
+
+        here: the work as this process does it. steps: told how many were done, here or elsewhere.
+
+        Raises what the work raises, in whatever process, and WorkerLostError for a worker that ended.
+        """
+        self._steps = steps
+        for number in self.pieces[:1]:
+            began = time.monotonic()
+            result = here(number, self._tick)
+            if self.cores == 1 and (time.monotonic() - began) * len(self._left) > _WORTH:
+                self._start()
+            yield number, result
+        while self._left or self._given.total() or self._finished:
+            # While a piece is done here, workers may have finished any number of theirs.
+            if self._finished:
+                yield self._finished.pop(0)
+            elif self._left:
+                number, self._left = self._left[0], self._left[1:]
+                yield number, here(number, self._tick)
+                self._hear(0.0)
+            else:
+                self._hear(None)
+
+    def _tick(self) -> None:
+        self._steps(1)
+        if self._processes and time.monotonic() - self._heard > _EVERY:
+            self._hear(0.0)
+
+    def _start(self) -> None:
+        """Start the workers and give each of them pieces, the first of each before the second of any."""
+        if self._most == 1:
+            return
+        context: Any = multiprocessing.get_context("fork" if self._forks else "spawn")
+        if not self._forks:
+            resource_tracker.ensure_running()  # it would let signals through in the body below
+        try:
+            for _ in range(self._most - 1):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=worker.serve, args=(self._work, theirs), daemon=True)
+                with _signals_held():
+                    process.start()
+                    self._processes[ours] = process
+                theirs.close()
+            self.cores = self._most
+            for _ in range(_AHEAD):
+                for end in self._processes:
+                    self._give(end)
+        except BaseException:
+            self._end(at_once=True)
+            raise
+
+    def _give(self, end: Connection) -> None:
+        if self._left:
+            number, self._left = self._left[0], self._left[1:]
+            self._given[end] += 1
+            try:
+                end.send(number)
+            except OSError as error:
+                raise self._lost(end) from error
+
+    def _hear(self, timeout: float | None) -> None:
+        """Take in what workers have to say, waiting for the first word as long as told."""
+        self._heard = time.monotonic()
+        for end in wait(list(self._processes), timeout):
+            assert isinstance(end, Connection)
+            try:
+                what, said = end.recv()
+            except (EOFError, OSError) as error:
+                raise self._lost(end) from error
+            self._take(end, what, said)
+
+    def _take(self, end: Connection, what: str, said: Any) -> None:
+        if what == worker.STEPS:
+            self._steps(said)
+        elif what == worker.DONE:
+            self._given[end] -= 1
+            self._finished.append(said)
+            self._give(end)
+        elif what == worker.FAILED:
+            raise pickle.loads(said)
+        elif what == worker.WARNING:
+            warnings.warn_explicit(**said)
+        elif what == worker.LOG and (logger := logging.getLogger(said.name)).isEnabledFor(said.levelno):
+            logger.handle(said)
+
+    def _lost(self, end: Connection) -> WorkerLostError:
+        process = self._processes[end]
+        process.join(1.0)
+        code = process.exitcode
+        how = f"exit code {code}"
+        if code is not None and code < 0:
+            how = signal.Signals(-code).name
+        if code == -signal.SIGKILL:
+            how += ", as the system ends it when memory runs out"
+        return WorkerLostError(f"a worker process ended by {how}; take cores=1 or a smaller block_runs")
+
+    def _end(self, at_once: bool) -> None:
+        """Let the workers end, or make them."""
+        for end, process in self._processes.items():
+            if at_once:
+                process.kill()
+            with suppress(OSError):
+                end.send(None)
+        for end, process in self._processes.items():
+            process.join()
+            process.close()
+            end.close()
+        self._processes.clear()
+
+
+def _can_fork() -> bool:
+    """Whether this process has one thread alone, so that none holds a lock that nobody in the child would let go."""
+    return sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Interruptions wait: a worker that is born here knows nothing of them yet."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,74 @@
+"""A user's own filter held to its contract: one step of a record's first runs."""
+
+from typing import Any
+
+import numpy as np
+
+from estlab.filters.filter import Filter, Fit, Sample
+from estlab.maths.gaussian_belief import Gaussian
+from estlab.maths.space import Array
+from estlab.maths.streams import Draws
+from estlab.models.answers import covariance, instance, kind, numbers, quietly, refuse
+from estlab.models.contract import Motion, Sensor
+from estlab.record import Record
+
+
+@quietly
+def try_filter(where: str, filter: Filter, motion: Motion, sensor: Sensor, record: Record, draws: Draws) -> None:
+    """Raise AnswerError unless the filter answers as it must over a step of the record. draws: of all its runs."""
+    runs = record.runs if record.each_its_own else 1
+    belief = _something(where, "start", filter.start(record.prior, draws))
+    _check_moments(where, filter, belief, motion, runs)
+    belief = _something(where, "predict", filter.predict(motion, belief, record.control[:, 0], _lapse(record)))
+    _check_moments(where, filter, belief, motion, runs)
+    if record.readings.step.size and record.each_its_own:
+        some = np.arange(runs)[: max(1, runs - 1)]
+        for method in ("of", "put"):
+            if not callable(getattr(belief, method, None)):
+                refuse(where, f"the belief has no method {method}, by which runs take part in a reading or do not")
+        part = belief.of(some)
+        m = sensor.space.size
+        reading, place = record.readings.values[:, 0, some], sensor.place(record.readings.target[0, some])
+        pair = filter.update(sensor, part, reading, place)
+        if type(pair) is not tuple or len(pair) != 2:
+            refuse(where, f"update returned {kind(pair)}; must be a pair, of a belief and a Fit")
+        updated, fit = pair
+        _something(where, "update", updated)
+        _check_fit(where, fit, m, some.size)
+        _check_moments(where, filter, updated, motion, some.size)
+        _check_moments(where, filter, _something(where, "put", belief.put(some, updated)), motion, runs)
+    sample = filter.sample(belief)
+    if sample is not None:
+        instance(where, "sample returned", sample, Sample)
+        for field in ("size", "scale"):
+            numbers(where, f"sample returned as {field}", getattr(sample, field), (runs,), finite=False)
+    notes = instance(where, "notes returned", filter.notes(belief), dict)
+    for name, values in notes.items():
+        numbers(where, f"notes returned for {name}", values, (runs,), finite=False)
+
+
+def _check_moments(where: str, filter: Filter, belief: Any, motion: Motion, runs: int) -> None:
+    n, found = motion.space.size, filter.moments(belief, motion)
+    instance(where, "moments returned", found, Gaussian)
+    numbers(where, "moments returned as mean", found.mean, (n, runs), finite=False)
+    cov: Array = numbers(where, "moments returned as cov", found.cov, (n, n, runs), finite=False)
+    if np.isfinite(cov).all():
+        covariance(where, "moments returned as cov", cov, (n, n, runs))
+
+
+def _check_fit(where: str, fit: Any, m: int, runs: int) -> None:
+    instance(where, "update returned as its second", fit, Fit)
+    for field in ("whitened", "log_scale"):
+        numbers(where, f"update returned as {field}", getattr(fit, field), (m, runs), finite=False)
+    numbers(where, "update returned as gated", fit.gated, (runs,))
+
+
+def _something(where: str, method: str, belief: Any) -> Any:
+    if belief is None:
+        refuse(where, f"{method} returned nothing (None); must be a belief; is a return missing?")
+    return belief
+
+
+def _lapse(record: Record) -> float:
+    lapse = np.diff(record.time, prepend=record.start)
+    return float(lapse[lapse > 0.0][0]) if (lapse > 0.0).any() else 1.0
