@@ -71,10 +71,11 @@ class Record:
         runs: the numbers of its runs, whose streams decide.
         """
         values = self.readings.values.copy()
-        for place, run in enumerate(runs):
+        generators = streams.generators("lost", [0] * len(runs) if self.repeated else runs)
+        for place, stream in enumerate(generators):
             # Of those that it has, so that other runs of its block do not matter.
             had = np.flatnonzero(np.isfinite(values[:, :, place]).any(axis=0))
-            lost = streams.generator("lost", 0 if self.repeated else run).random(had.size) < share
+            lost = stream.random(had.size) < share
             values[:, had[lost], place] = np.nan
         return replace(self, readings=replace(self.readings, values=values))
 

@@ -1,12 +1,13 @@
 """Random numbers by name: who asks decides what is drawn, never when or where."""
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 
+from estlab.maths.seeding import generators
 from estlab.maths.space import Array
 
 
@@ -23,19 +24,23 @@ class Streams:
 
     def generator(self, purpose: str, run: int) -> np.random.Generator:
         """The stream for one purpose in one run."""
+        return self.generators(purpose, [run])[0]
+
+    def generators(self, purpose: str, runs: Sequence[int]) -> list[np.random.Generator]:
+        """The stream for one purpose in each of these runs."""
         digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
         words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(*words, run))))
+        return generators(self.seed, words, runs)
 
-    def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
+    def normals(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
         return np.ascontiguousarray(self.draws(purpose, runs).normals(shape))
 
-    def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
+    def draws(self, purpose: str, runs: Sequence[int]) -> "Draws":
         """The streams of several runs, to be drawn from as one goes along."""
-        return Draws(partial(self.generator, purpose), runs)
+        return Draws(partial(self.generators, purpose, runs))
 
-    def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
+    def uniforms(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
         return np.ascontiguousarray(self.draws(purpose, runs).uniforms(shape))
 
@@ -43,19 +48,19 @@ class Streams:
 class Draws:
     """Random numbers for a batch of runs, drawn step by step, each run from its own stream.
 
-    make: gives the stream of a run by its number. Streams are made when first drawn from, and some filters never do.
+    make: gives the runs' streams. They are made when first drawn from, and some filters never do.
     """
 
-    def __init__(self, make: Callable[[int], np.random.Generator], runs: Iterable[int]) -> None:
-        self._make, self._runs = make, runs
+    def __init__(self, make: Callable[[], list[np.random.Generator]]) -> None:
+        self._make = make
 
     @cached_property
     def _generators(self) -> list[np.random.Generator]:
-        return [self._make(run) for run in self._runs]
+        return self._make()
 
     def of(self, runs: Array) -> "Draws":
         """The streams of some of the runs, by their place in this batch."""
-        return Draws(self._generators.__getitem__, runs)
+        return Draws(lambda: [self._generators[run] for run in runs])
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""
