@@ -279,7 +279,7 @@ def main(replications: int) -> None:
     }
     _table(["intervals and comparison", "misses"], ([k, _share(v)] for k, v in (misses | differences).items()))
     naive = _share(counted_naively(ensembles(Fault(), replications, 20, 200)))
-    print(f"For comparison, a chi-square test of NEES that takes steps for independent, 20 runs, 200 steps: {naive}\n")
+    print(f"For comparison, a chi-square test of NEES that treats steps as independent, 20 runs, 200 steps: {naive}\n")
     print(f"Power in % at nominal 5 %, {replications // 4} replications\n")
     cases = [(name, fault, runs) for name, fault in FAULTS.items() for runs in (20, 100)]
     _table(

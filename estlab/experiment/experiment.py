@@ -178,7 +178,7 @@ def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Fi
     held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, found.own), needed=True) or []
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
-        attempts.write(rundir.EXPECTATIONS, partial(csv_tables.write_columns, expectations.columns(held)))
+        attempts.write(rundir.EXPECTATIONS, partial(csv_tables.write, expectations.columns(held)))
         attempts.show("expectations", lambda: expected.show(expected.HEADINGS, [found.cells() for found in held]))
     return held
 

@@ -22,13 +22,12 @@ from estlab.metrics.paired import Comparison
 from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
-from estlab.parallel.pool import Workers
+from estlab.parallel.pool import OnStep, Workers
 from estlab.record import Estimates, Record
 from estlab.scenarios.scenario import History
 from estlab.validation import problem
 from estlab.validation.user_filter import try_filter
 
-OnStep = Callable[[], None]
 SMOOTHED = "_smoothed"
 _CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 

@@ -21,7 +21,8 @@ from estlab.parallel import cores, worker
 from estlab.parallel.signals import ENDING
 
 R = TypeVar("R")
-Work = Callable[[int, Callable[[], None]], R]
+OnStep = Callable[[], None]
+Work = Callable[[int, OnStep], R]
 
 _EVERY = 0.05  # seconds between looks at what workers sent
 _AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for this process

@@ -22,7 +22,7 @@ SOURCE = "import math\nfrom dataclasses import replace\nfrom estlab.maths.space 
 MOVED = "return angle + dt * faster, faster"
 READ = "return (np.sin(angle),)"
 Q = "np.array([[variance / dt]]), 1)"
-R = "np.array([[(noise.measurement_scale * self.reading_sd) ** 2]])"
+R = "np.array([[variance]])"
 PRIOR = "np.diag([0.1**2, 0.1**2])"
 DRAWN = "return drawn(streams, runs, self.motion(noise), sensor, prior, time, np.empty((0, time.size, 1)))"
 WITH = DRAWN.replace("return ", "record = ") + "\n        readings = record.readings\n        return "
