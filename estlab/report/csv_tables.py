@@ -8,27 +8,31 @@ import numpy as np
 from estlab.maths.space import Array
 
 Table = Mapping[str, Any] | Sequence[Mapping[str, Any]]
+Columns = dict[str, Array]
 Spelled = dict[tuple[str, bytes], list[str]]
 
 
-def write_csv(by_filter: Mapping[str, Table], seed: int, stream: BinaryIO) -> None:
-    """Write columns or rows of several filters one after another; the filter begins each line, the seed ends it."""
+def of_filters(by_filter: Mapping[str, Table], seed: int) -> Columns:
+    """Columns of the tables of several filters one after another; the filter begins each line, the seed ends it."""
     parts = {name: _by_column(table) for name, table in by_filter.items()}
     sizes = [next((column.size for column in part.values()), 0) for part in parts.values()]
-    columns = {"filter": np.repeat(list(parts), sizes)}
+    columns: Columns = {"filter": np.repeat(list(parts), sizes)}
     for name in dict.fromkeys(name for part in parts.values() for name in part):
         columns[name] = np.concatenate([part[name] for part in parts.values() if name in part])
-    _write(stream, {**columns, "seed": np.full(sum(sizes), seed)})
+    return {**columns, "seed": np.full(sum(sizes), seed)}
 
 
-def write_rows(rows: Sequence[Mapping[str, Any]], seed: int, stream: BinaryIO) -> None:
-    """Write one table by row, the seed last in each line."""
-    _write(stream, {**_by_column(rows), "seed": np.full(len(rows), seed)})
+def of_rows(rows: Sequence[Mapping[str, Any]], seed: int) -> Columns:
+    """Columns of a table by row, the seed last in each line."""
+    return {**_by_column(rows), "seed": np.full(len(rows), seed)}
 
 
-def write_columns(columns: Mapping[str, Any], stream: BinaryIO) -> None:
-    """Write one table by column."""
-    _write(stream, columns)
+def write(columns: Mapping[str, Any], stream: BinaryIO) -> None:
+    """Write a table by column."""
+    spelled: Spelled = {}
+    texts = [_texts(_array(values), spelled) for values in columns.values()]
+    lines = [",".join(map(_quoted, columns)), *map(",".join, zip(*texts, strict=True)), ""]
+    stream.write("\n".join(lines).encode())
 
 
 def _by_column(table: Table) -> dict[str, Array]:
@@ -43,13 +47,6 @@ def _array(values: Iterable[Any]) -> Array:
         return values
     found = [np.nan if value is None else value for value in values]
     return np.array(found, dtype=object if any(isinstance(value, str | bool) for value in found) else None)
-
-
-def _write(stream: BinaryIO, columns: Mapping[str, Any]) -> None:
-    spelled: Spelled = {}
-    texts = [_texts(_array(values), spelled) for values in columns.values()]
-    lines = [",".join(map(_quoted, columns)), *map(",".join, zip(*texts, strict=True)), ""]
-    stream.write("\n".join(lines).encode())
 
 
 def _texts(column: Array, spelled: Spelled) -> list[str]:
