@@ -13,7 +13,7 @@ from estlab.launch.path_arguments import home
 
 if TYPE_CHECKING:
     from estlab.comparison.pairing import Pair
-    from estlab.comparison.rows import Metric, Row
+    from estlab.comparison.rows import ComparisonRow, Metric
     from estlab.report.grids import Grid
 
 HELP = """\
@@ -116,7 +116,7 @@ def _read(arguments: Sequence[str]) -> Wanted:
     return wanted
 
 
-def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
+def _rows(paths: Sequence[Path]) -> "tuple[list[ComparisonRow], list[str]]":
     """The rows of all runs that are whole, and a line for each of the others."""
     from estlab.comparison.rows import labelled, rows_of
     from estlab.rundir import finished
@@ -133,7 +133,7 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[Row], list[str]]":
     return labelled(rows), left_out
 
 
-def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
+def _metrics(rows: "Sequence[ComparisonRow]", names: Sequence[str]) -> "list[Metric]":
     """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
     from estlab.config.build import nearest
     from estlab.report.compared import VERDICT
@@ -153,17 +153,17 @@ def _metrics(rows: "Sequence[Row]", names: Sequence[str]) -> "list[Metric]":
     return list(dict.fromkeys(chosen))
 
 
-def _errors(row: "Row") -> "list[Metric]":
+def _errors(row: "ComparisonRow") -> "list[Metric]":
     errors = [metric for metric in row.metrics if metric[0] == "rmse"]
     return [metric for metric in (("rmse", "position"), ("rmse", "all")) if metric in errors][:1] or errors
 
 
-def _against(rows: "Sequence[Row]", wanted: str) -> int:
+def _against(rows: "Sequence[ComparisonRow]", wanted: str) -> int:
     """The number of the row that is meant."""
     if wanted.isdecimal() and 1 <= int(wanted) <= len(rows):
         return int(wanted)
     place = Path(wanted).resolve()
-    matching: Sequence[Callable[[Row], bool]] = (
+    matching: Sequence[Callable[[ComparisonRow], bool]] = (
         lambda row: row.label == wanted,
         lambda row: row.filter == wanted,
         lambda row: place in (row.run.path.resolve(), Path(row.run.path.name)),
@@ -179,7 +179,7 @@ def _against(rows: "Sequence[Row]", wanted: str) -> int:
 
 def _show(
     wanted: Wanted,
-    rows: "Sequence[Row]",
+    rows: "Sequence[ComparisonRow]",
     metrics: "Sequence[Metric]",
     components: Sequence[str],
     against: int,
@@ -217,7 +217,7 @@ def _print(grid: "Grid", form: str) -> None:
         grids.show(grid)
 
 
-def _plot(file: Path, rows: "Sequence[Row]", components: Sequence[str]) -> None:
+def _plot(file: Path, rows: "Sequence[ComparisonRow]", components: Sequence[str]) -> None:
     """Draw the overlay, of the rows whose tables can be read."""
     from estlab.datasets.whole import write_whole
     from estlab.report import overlay

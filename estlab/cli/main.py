@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from estlab import __version__
-from estlab.cli.stdio import Streams
+from estlab.cli.stdio import StandardStreams
 from estlab.config.locations import options
 from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory, printable
 from estlab.launch.arguments import CONFIG_DIR, parted
@@ -46,7 +46,7 @@ _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experim
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line; its exit code."""
-    streams = Streams()
+    streams = StandardStreams()
     code = _run(sys.argv[1:] if arguments is None else arguments)
     if why := streams.failure():
         return complain(f"standard output: {why}; not all of it was written", code or FAILED)

@@ -35,7 +35,7 @@ _CONFIG_DIR = ("--config-dir", "-cd")
 
 
 @dataclass
-class Outcome:
+class ExperimentOutcome:
     """What became of one experiment. error: why there is nothing to hold it to, in one line."""
 
     experiment: str
@@ -134,9 +134,9 @@ def _expects(path: Path) -> bool:
     return not isinstance(content, DictConfig) or bool(content.get("expect"))
 
 
-def _run(name: str, words: list[str], stamp: str) -> Outcome:
+def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
     """One experiment in its own directory, with nothing on the screen."""
-    outcome = Outcome(name)
+    outcome = ExperimentOutcome(name)
 
     def job(config: "DictConfig") -> int:
         outcome.folder = Path(str(config.output)) / stamp
@@ -156,7 +156,7 @@ def _run(name: str, words: list[str], stamp: str) -> Outcome:
     return outcome
 
 
-def _conclude(outcomes: Sequence[Outcome], folder: Path | None) -> int:
+def _conclude(outcomes: Sequence[ExperimentOutcome], folder: Path | None) -> int:
     """Print the table of all and the count; the exit code."""
     from estlab.report import expected
     from estlab.report.console import console

@@ -78,7 +78,7 @@ class Result:
         if file == rundir.EXPECTATIONS:
             return expectations.columns(self.expected)
         if file == rundir.COMPARISON:
-            return csv_tables.of_rows(self.comparison, self.settings.seed)
+            return csv_tables.by_column([row | {"seed": self.settings.seed} for row in self.comparison])
         return csv_tables.of_filters(self.by_filter[file], self.settings.seed)
 
     def add_to_picture(self, axes: Any, name: str, place: int) -> None:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from estlab.maths.space import Array
 from estlab.metrics import series
 from estlab.metrics.consistency import Test
-from estlab.metrics.tabulated import Columns, Row, coverage_rows, histogram_rows, test_rows
+from estlab.metrics.tabulated import Columns, MetricRow, coverage_rows, histogram_rows, test_rows
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import Verdict
 
@@ -24,7 +24,7 @@ class FilterSums(NamedTuple):
     first: tuple[Array, Array, Array]
     runs: Columns
     bound: Array | None
-    rows: Sequence[Row]
+    rows: Sequence[MetricRow]
     tests: Sequence[Test]
     verdict: Verdict | None
 

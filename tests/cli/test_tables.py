@@ -8,9 +8,9 @@ import pandas as pd
 from estlab.report import csv_tables
 
 
-def _written(columns) -> str:
+def _written(table) -> str:
     stream = io.BytesIO()
-    csv_tables.write(columns, stream)
+    csv_tables.write(table, stream)
     return stream.getvalue().decode()
 
 
@@ -37,10 +37,14 @@ def test_several_filters_stand_one_after_another_with_their_names_and_the_seed()
 def test_a_filter_without_lines_leaves_those_of_the_others_and_no_lines_at_all_leave_the_heading():
     columns = {"time": np.array([1.0]), "note": np.array(["ess"])}
     nothing = {"time": np.empty(0), "note": np.empty(0)}
-    assert (
-        _written(csv_tables.of_filters({"ekf": nothing, "pf": columns}, 1)) == "filter,time,note,seed\npf,1.0,ess,1\n"
-    )
+    both = csv_tables.of_filters({"ekf": nothing, "pf": columns}, 1)
+    assert _written(both) == "filter,time,note,seed\npf,1.0,ess,1\n"
     assert _written(csv_tables.of_filters({"ekf": nothing}, 1)) == "filter,time,note,seed\n"
+
+
+def test_whole_numbers_stay_whole_where_one_is_missing():
+    table = {"n": [12, None, 3], "p": [1.0, None, 0.5], "none": [None, None, None]}
+    assert _written(table) == "n,p,none\n12,1.0,\n,,\n3,0.5,\n"
 
 
 def test_numbers_read_back_the_same_to_the_last_bit():
