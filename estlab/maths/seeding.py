@@ -30,7 +30,7 @@ class _Known(ISeedSequence):
         return self.words
 
 
-def generators(seed: int, key: Sequence[int], runs: Sequence[int]) -> list[np.random.Generator]:
+def seeded(seed: int, key: Sequence[int], runs: Sequence[int]) -> list[np.random.Generator]:
     """For each run the generator that SeedSequence(seed, spawn_key=(*key, run)) seeds. key: words of 32 bits."""
     if len(runs) < _MANY or min(runs) < 0 or max(runs) >= _WORD:
         seeds = [np.random.SeedSequence(seed, spawn_key=(*key, run)) for run in runs]

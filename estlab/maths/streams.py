@@ -1,16 +1,18 @@
 """Random numbers by name: who asks decides what is drawn, never when or where."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 
-from estlab.maths.seeding import generators
+from estlab.earlier_names import renamed
+from estlab.maths.seeding import seeded
 from estlab.maths.space import Array
 
 
+@renamed(draws="generators")
 @dataclass(frozen=True)
 class Streams:
     """Independent streams keyed by seed, owner, purpose and run number.
@@ -24,31 +26,29 @@ class Streams:
 
     def generator(self, purpose: str, run: int) -> np.random.Generator:
         """The stream for one purpose in one run."""
-        return self.generators(purpose, [run])[0]
-
-    def generators(self, purpose: str, runs: Sequence[int]) -> list[np.random.Generator]:
-        """The stream for one purpose in each of these runs."""
-        digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
-        words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-        return generators(self.seed, words, runs)
+        (generator,) = self.generators(purpose, [run])
+        return generator
 
     def normals(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).normals(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).normals(shape))
 
-    def draws(self, purpose: str, runs: Sequence[int]) -> "Draws":
-        """The streams of several runs, to be drawn from as one goes along."""
-        return Draws(partial(self.generators, purpose, runs))
+    def generators(self, purpose: str, runs: Sequence[int]) -> "Generators":
+        """The generators of several runs, to be drawn from as one goes along."""
+        digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
+        words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+        return Generators(partial(seeded, self.seed, words, runs))
 
     def uniforms(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).uniforms(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).uniforms(shape))
 
 
-class Draws:
-    """Random numbers for a batch of runs, drawn step by step, each run from its own stream.
+@renamed(of="take")
+class Generators:
+    """Random number generators of a batch of runs, each of which draws from its own stream.
 
-    make: gives the runs' streams. They are made when first drawn from, and some filters never do.
+    make: gives the runs' generators. They are made when first drawn from, and some filters never do.
     """
 
     def __init__(self, make: Callable[[], list[np.random.Generator]]) -> None:
@@ -58,9 +58,12 @@ class Draws:
     def _generators(self) -> list[np.random.Generator]:
         return self._make()
 
-    def of(self, runs: Array) -> "Draws":
-        """The streams of some of the runs, by their place in this batch."""
-        return Draws(lambda: [self._generators[run] for run in runs])
+    def take(self, runs: Array) -> "Generators":
+        """The generators of some of the runs, by their index in this batch."""
+        return Generators(lambda: [self._generators[run] for run in runs])
+
+    def __iter__(self) -> Iterator[np.random.Generator]:
+        return iter(self._generators)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""
@@ -75,3 +78,6 @@ class Draws:
         for k, generator in enumerate(self._generators):
             generator.random(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)
+
+
+Draws = Generators  # its earlier name, for plugins

@@ -45,9 +45,7 @@ def test_the_scenario_of_the_readme_works_as_printed(tmp_path, monkeypatch, caps
     (tmp_path / "conf/scenario").mkdir(parents=True)
     (tmp_path / "pendulum.py").write_text(block("pendulum.py"))
     (tmp_path / "conf/scenario/pendulum.yaml").write_text(block("pendulum.yaml"))
-    command = re.search(r"Then, in that folder, `estlab (run --config-dir conf scenario=pendulum [^`]*)`", README)[
-        1
-    ].split()
+    command = re.search(r"Then, in that folder,\s+`estlab (run --config-dir conf [^`]*)`", README)[1].split()
     try:
         assert main([*command, "runs=60", "plots=false"]) == 0
         found = re.search(r"^NEES / n +\S+ +(\S+) to (\S+) ", capsys.readouterr().out, re.MULTILINE)
