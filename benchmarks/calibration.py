@@ -68,7 +68,7 @@ def move(state: Array, control: Array, noise: Array, dt: float) -> tuple[Array, 
 
 
 MOTION = Motion(STATE, move, lambda control, dt: np.array([[Q / dt]]), 1)
-SENSOR = Sensor(READING, STATE, lambda state, place: (state[0],), np.array([[R]]), np.empty((0, 1)))
+SENSOR = Sensor(READING, STATE, lambda state, landmark: (state[0],), np.array([[R]]), np.empty((0, 1)))
 
 
 def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0) -> Record:
@@ -92,7 +92,7 @@ def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0
 def filtered(record: Record, gate: float | None = None) -> Estimates:
     """By the Kalman filter."""
     return Loop(extended("additive", gate), MOTION, SENSOR).estimate(
-        record, Streams(1, "calibration").draws("none", ())
+        record, Streams(1, "calibration").generators("none", ())
     )
 
 
@@ -212,7 +212,9 @@ def _runs(record: Record, part: slice) -> Record:
     return replace(
         record,
         truth=record.truth[..., part],
-        readings=replace(readings, values=readings.values[..., part], target=readings.target[:, part]),
+        readings=replace(
+            readings, values=readings.values[..., part], landmark_number=readings.landmark_number[:, part]
+        ),
     )
 
 

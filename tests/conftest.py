@@ -84,5 +84,5 @@ def metrics(tally, bound=None) -> dict[tuple[str, str], MetricRow]:
 def estimate(filter, motion, sensor, record, scheme="sequential", pause=0.0, numbers=None) -> Estimates:
     """A filter over a record, its streams keyed by the runs' numbers, from 0 unless given; one for a shared belief."""
     numbers = (numbers or range(record.runs)) if record.each_its_own else range(1)
-    draws = Streams(1, "test").draws("filter", numbers)
-    return Loop(filter, motion, sensor, scheme, pause).estimate(record, draws)
+    generators = Streams(1, "test").generators("filter", numbers)
+    return Loop(filter, motion, sensor, scheme, pause).estimate(record, generators)

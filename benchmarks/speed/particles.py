@@ -38,13 +38,13 @@ class Case:
         scenario, noise = settings.scenario, settings.noise.filter
         self.runs, self.particles = runs, particles
         self.record: Record = scenario.simulate(Streams(SEED, "sonar"), runs, noise).first(steps)
-        self.loop = Loop(settings.filter, scenario.motion(noise), scenario.sensor(noise, self.record.places))
+        self.loop = Loop(settings.filter, scenario.motion(noise), scenario.sensor(noise, self.record.landmarks))
         sds = np.array(scenario.process_sd), np.array(scenario.measurement_sd)
-        self.problem = Problem(self.record.prior.low, self.record.prior.high, self.record.places.T, *sds)
+        self.problem = Problem(self.record.prior.low, self.record.prior.high, self.record.landmarks.T, *sds)
 
     def estimated(self) -> Estimates:
         """What estlab finds in all runs."""
-        return self.loop.estimate(self.record, Streams(SEED, "sonar").draws("filter/pf", self.runs))
+        return self.loop.estimate(self.record, Streams(SEED, "sonar").generators("filter/pf", self.runs))
 
     def plain(self, run: int) -> Found:
         """What the reference finds in one run."""

@@ -64,7 +64,7 @@ def estimate(
     time: (T,) [s], ascending. readings: (m, T) or (m, T, runs), NaN where nothing was measured.
     control: (c, T) or (c, T, runs), over the step that ends at each time; None for a motion that takes none.
     start: the time of the prior [s]; time[0] unless given, and then the first reading meets the prior itself.
-    landmark: (T,) or (T, runs) the number of the place that each reading is about, among ``sensor.places``; 0.
+    landmark: (T,) or (T, runs) the number of the landmark that each reading is about, among ``sensor.landmarks``; 0.
     truth: (n, T) or (n, T, runs), for the errors in the result.
     smooth: estimates in the light of all readings (Rauch-Tung-Striebel), of the Gaussian family.
     seed: of filters that draw random numbers.
@@ -79,7 +79,7 @@ def estimate(
     >>> def fall(state, control, noise, dt):
     ...     height, speed = state
     ...     return height + speed * dt, speed - 9.81 * dt + noise[0]
-    >>> def measure(state, place):
+    >>> def measure(state, landmark):
     ...     return (state[0],)
     >>> motion = Motion(track, fall, lambda control, dt: np.array([[0.01 * dt]]), 1)
     >>> sensor = Sensor(range_, track, measure, np.array([[0.25]]))
@@ -98,13 +98,13 @@ def estimate(
     chosen = make_filter(filter) if isinstance(filter, str) else filter
     instance("filter", "is", chosen, Filter)
     loop = _loop(chosen, motion, sensor, engine, smooth)
-    draws = Streams(seed, "estimate").draws("filter", range(record.runs))
-    loop.prepare(record, draws)
+    generators = Streams(seed, "estimate").generators("filter", range(record.runs))
+    loop.prepare(record, generators)
     if smooth:
-        filtered, smoothed = loop.estimate_and_smooth(record, draws)
+        filtered, smoothed = loop.estimate_and_smooth(record, generators)
         found = _named(motion, record, replace(filtered, mean=smoothed.mean, cov=smoothed.cov))
     else:
-        found = _named(motion, record, loop.estimate(record, draws))
+        found = _named(motion, record, loop.estimate(record, generators))
     return found if np.ndim(readings) == 3 else _alone(found)
 
 
@@ -121,7 +121,7 @@ def _try_models(motion: Motion, sensor: Sensor, record: Record) -> None:
     begin = record.prior.fitted()
     try_motion("motion", motion, begin, record.control, np.diff(record.time, prepend=record.start))
     if record.readings.step.size:
-        try_sensor("sensor", sensor, begin, sensor.place(record.readings.target[0]))
+        try_sensor("sensor", sensor, begin, sensor.landmark(record.readings.landmark_number[0]))
         check_noise("sensor", sensor)
 
 

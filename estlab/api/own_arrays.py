@@ -48,10 +48,10 @@ def record_of_arrays(
         control=commands,
         readings=Readings(taken, values[:, taken], about[taken]),
         prior=_prior(prior, n, runs),
-        places=sensor.places,
+        landmarks=sensor.landmarks,
     )
     check_record("arrays", record, motion.space, runs)
-    check_readings("arrays", record.readings, sensor.space, sensor.places)
+    check_readings("arrays", record.readings, sensor.space, sensor.landmarks)
     return record
 
 

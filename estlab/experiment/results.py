@@ -75,7 +75,7 @@ def _bound(settings: Settings, names: Names, ensemble: Ensemble) -> Array | None
         return None
     record = record_of(settings, names, range(_BOUND_RUNS))
     scenario, noise = settings.scenario, settings.noise.truth
-    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.places))
+    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.landmarks))
 
 
 def _findings(settings: Settings, name: str, ensemble: Ensemble, bound: Array | None, attempts: Attempts) -> Findings:

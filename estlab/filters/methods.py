@@ -1,10 +1,10 @@
-"""What the code compiled for a filter has to know of it: see estlab.compiled.pieces.Method."""
+"""What the code compiled for a filter has to know of it: see estlab.compiled.routines.Method."""
 
 from typing import Any, cast
 
 import numpy as np
 
-from estlab.compiled.pieces import Method, PointSet
+from estlab.compiled.routines import Method, PointSet
 from estlab.filters.filter import Filter
 from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
 from estlab.filters.square_root import SquareRootFilter
@@ -35,8 +35,8 @@ def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     iterations = filter.iterations if isinstance(filter, IteratedFilter) else 1
     updating = not isinstance(filter, DeadReckoning)
     if type(transform) is Linearised:
-        # Along a tangent both kinds of noise are the same.
-        return Method("tangent", iterations=iterations, updating=updating, gated=gated)
+        # Linearised, both kinds of noise are the same.
+        return Method("linearised", iterations=iterations, updating=updating, gated=gated)
     if type(transform) is SecondOrder and iterations == 1:
         return Method(transform.form, augmented=augmented, updating=updating, gated=gated)
     if type(transform) in _POINTS and iterations == 1:

@@ -5,21 +5,21 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Cloud, Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.filter import Cloud, Filter, Innovation, Prior, Sample, innovation_of
 from estlab.filters.step import Step, own
 from estlab.maths import cloud
-from estlab.maths.gaussian_belief import Gaussian, placed
+from estlab.maths.gaussian_belief import Gaussian, replaced
 from estlab.maths.linalg import cholesky, solve_lower, without
 from estlab.maths.resampling import Scheme, Weights, resample
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 _SAMPLED = 200  # particles of a run that are kept of a cloud
 
 
 class Particles(NamedTuple):
-    """A cloud (n, N, runs) with its weights; where it began, and its streams.
+    """A cloud (n, N, runs) with its weights; where it began, and its generators.
 
     lost: (runs,) how often all weights were lost since the last prediction.
     last: the prediction that made the points. fresh: (runs,) whether no reading has come since.
@@ -28,24 +28,24 @@ class Particles(NamedTuple):
     points: Array
     weights: Weights
     prior: Prior
-    draws: Draws
+    generators: Generators
     lost: Array
     last: Step | None
     fresh: Array
 
-    def of(self, runs: Array) -> "Particles":
+    def take(self, runs: Array) -> "Particles":
         """The belief in some of the runs."""
-        last = None if self.last is None else self.last.of(runs)
-        own = self.prior.of(runs), self.draws.of(runs), self.lost[runs]
-        return Particles(cloud.of(self.points, runs), self.weights.of(runs), *own, last, self.fresh[runs])
+        last = None if self.last is None else self.last.take(runs)
+        own = self.prior.take(runs), self.generators.take(runs), self.lost[runs]
+        return Particles(cloud.take(self.points, runs), self.weights.take(runs), *own, last, self.fresh[runs])
 
-    def put(self, runs: Array, part: "Particles") -> "Particles":
+    def replaced(self, runs: Array, part: "Particles") -> "Particles":
         """The belief with those of some runs replaced."""
         return self._replace(
-            points=cloud.put(self.points, runs, part.points),
-            weights=self.weights.put(runs, part.weights),
-            lost=placed(self.lost, runs, part.lost),
-            fresh=placed(self.fresh, runs, part.fresh),
+            points=cloud.replaced(self.points, runs, part.points),
+            weights=self.weights.replaced(runs, part.weights),
+            lost=replaced(self.lost, runs, part.lost),
+            fresh=replaced(self.fresh, runs, part.fresh),
         )
 
 
@@ -85,33 +85,39 @@ class ParticleFilter(Filter):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must be >= 0, got {getattr(self, name):g}")
 
-    def start(self, prior: Prior, draws: Draws) -> Particles:
-        points = cloud.laid_out(prior.sample(draws, self.particles))
+    def start(self, prior: Prior, generators: Generators) -> Particles:
+        points = cloud.laid_out(prior.sample(generators, self.particles))
         runs = points.shape[2]
         even = Weights.even(self.particles, runs)
-        return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
+        return Particles(points, even, prior, generators, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         before = self._resampled(motion, belief)
-        step = Step.drawn(motion, before.points, control, dt, belief.draws)
+        step = Step.drawn(motion, before.points, control, dt, belief.generators)
         nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
         last = step if self.ancestors == "auxiliary" else None
         return before._replace(points=step.points(), lost=nothing, last=last, fresh=fresh)
 
-    def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
-        logs, expected = _weighed(sensor, belief, reading, place)
+    def update(
+        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
+    ) -> tuple[Particles, Innovation]:
+        logs, expected = _weighed(sensor, belief, reading, landmark)
         weighed = belief._replace(weights=Weights.of_logs(logs))
-        fit = _fit(sensor, expected, reading)
+        innovation = _innovation(sensor, expected, reading)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
-            part = self._with_chosen_ancestors(sensor, belief.of(fresh), reading[:, fresh], own(place, fresh))
-            weighed = weighed.put(fresh, part)
+            part = self._with_chosen_ancestors(sensor, belief.take(fresh), reading[:, fresh], own(landmark, fresh))
+            weighed = weighed.replaced(fresh, part)
         vanished = weighed.weights.vanished
         points = weighed.points
         if self.recovery == "redraw" and vanished.any():
             lost = np.flatnonzero(vanished)
-            points = cloud.put(points, lost, belief.prior.of(lost).sample(belief.draws.of(lost), self.particles))
-        return weighed._replace(points=points, lost=belief.lost + vanished, fresh=np.zeros_like(belief.fresh)), fit
+            points = cloud.replaced(
+                points, lost, belief.prior.take(lost).sample(belief.generators.take(lost), self.particles)
+            )
+        return weighed._replace(
+            points=points, lost=belief.lost + vanished, fresh=np.zeros_like(belief.fresh)
+        ), innovation
 
     def moments(self, belief: Particles, motion: Motion) -> Gaussian:
         return cloud.moments(motion.space, belief.points, belief.weights.linear)
@@ -130,47 +136,51 @@ class ParticleFilter(Filter):
         few = np.flatnonzero(belief.weights.size < self.threshold * self.particles)
         if few.size == 0:
             return belief
-        draws, weights = belief.draws.of(few), cloud.of(belief.weights.linear, few)
-        chosen = cloud.chosen(belief.points, few, resample(self.resampling, weights, draws))
+        generators, weights = belief.generators.take(few), cloud.take(belief.weights.linear, few)
+        chosen = cloud.chosen(belief.points, few, resample(self.resampling, weights, generators))
         n = chosen.shape[0]
         if self.roughening > 0.0:
-            before = cloud.of(belief.points, few)
+            before = cloud.take(belief.points, few)
             about = cloud.mean(motion.space, before, weights)[:, None]
             wide = np.ptp(motion.space.minus(before, about), axis=1)[:, None]  # round the mean: a heading has no ends
-            chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * draws.normals(chosen.shape[:2])
+            chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * generators.normals(
+                chosen.shape[:2]
+            )
         if self.bandwidth > 0.0:
-            moments = cloud.moments(motion.space, cloud.of(belief.points, few), weights)
+            moments = cloud.moments(motion.space, cloud.take(belief.points, few), weights)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
             width = min(self.bandwidth * best, 1.0)
             # Drawn toward the mean by as much as the kernel spreads, so that the covariance stays. A cloud in one
             # point has no width to smooth by.
             about = moments.mean[:, None]
-            kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), draws.normals(chosen.shape[:2]))
+            kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), generators.normals(chosen.shape[:2]))
             chosen = about + np.sqrt(1.0 - width**2) * motion.space.minus(chosen, about) + width * kernel
         if self.injection > 0.0:
-            fresh = belief.prior.of(few).sample(draws, self.particles)
-            replaced = draws.uniforms((self.particles,)) < self.injection
-            chosen = np.where(replaced, fresh, chosen)
+            fresh = belief.prior.take(few).sample(generators, self.particles)
+            injected = generators.uniforms((self.particles,)) < self.injection
+            chosen = np.where(injected, fresh, chosen)
         even = Weights.even(self.particles, few.size)
-        return belief._replace(points=cloud.put(belief.points, few, chosen), weights=belief.weights.put(few, even))
+        return belief._replace(
+            points=cloud.replaced(belief.points, few, chosen), weights=belief.weights.replaced(few, even)
+        )
 
-    def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Particles:
+    def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Particles:
         """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
         last = belief.last
         if last is None:
             return belief
         even = Weights.even(*belief.weights.log.shape)
         guess = belief._replace(points=last.silent().points(), weights=even)
-        fits, _ = _weighed(sensor, guess, reading, place)
-        first_stage = Weights.of_logs(belief.weights.log + fits).linear
-        chosen = resample(self.resampling, first_stage, belief.draws)
+        likelihood, _ = _weighed(sensor, guess, reading, landmark)
+        first_stage = Weights.of_logs(belief.weights.log + likelihood).linear
+        chosen = resample(self.resampling, first_stage, belief.generators)
         before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
         moved = belief._replace(points=last._replace(before=before).points(), weights=even)
-        second, _ = _weighed(sensor, moved, reading, place)
-        return moved._replace(weights=Weights.of_logs(second - np.take_along_axis(fits, chosen, axis=0)))
+        second, _ = _weighed(sensor, moved, reading, landmark)
+        return moved._replace(weights=Weights.of_logs(second - np.take_along_axis(likelihood, chosen, axis=0)))
 
 
-def _weighed(sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Array, Gaussian]:
+def _weighed(sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
     """Log-weights (N, runs) with log p(reading | point), up to a constant; and what reading the belief expects.
 
     A missing number says nothing.
@@ -181,7 +191,7 @@ def _weighed(sensor: Sensor, belief: Particles, reading: Array, place: Array) ->
     whitening = solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(np.eye(m)[..., None], factor.shape))
     logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
     for some in cloud.groups(count, runs):
-        look = _Look(sensor, reading[:, some], own(place, some), own(whitening, some))
+        look = _Look(sensor, reading[:, some], own(landmark, some), own(whitening, some))
         expected, squares = look.at(belief.points[..., some])
         np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
         mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
@@ -193,7 +203,7 @@ class _Look(NamedTuple):
 
     sensor: Sensor
     reading: Array
-    place: Array
+    landmark: Array
     whitening: Array
 
     def at(self, points: Array) -> tuple[Array, Array]:
@@ -202,23 +212,23 @@ class _Look(NamedTuple):
         expected, squares = cloud.empty(len(self.reading), count, runs), cloud.empty(1, count, runs)[0]
         missing = np.isnan(self.reading)[:, None]
 
-        def piece(part: slice) -> None:
+        def weigh(part: slice) -> None:
             values = expected[:, part]
-            cloud.fill(values, self.sensor.measure(points[:, part], self.place))
+            cloud.fill(values, self.sensor.measure(points[:, part], self.landmark))
             residual = self.sensor.space.minus(self.reading[:, None], values)
             if missing.any():
                 residual = np.where(missing, 0.0, residual)
             whitened = cloud.combined(self.whitening, residual)
             np.einsum("ipr,ipr->pr", whitened, whitened, out=squares[part])
 
-        cloud.each(piece, count)
+        cloud.each(weigh, count)
         return expected, squares
 
 
-def _fit(sensor: Sensor, expected: Gaussian, reading: Array) -> Fit:
-    """How a reading fitted what the weighted cloud expected."""
+def _innovation(sensor: Sensor, expected: Gaussian, reading: Array) -> Innovation:
+    """How far a reading lies from what the weighted cloud expected."""
     missing = np.isnan(reading)
-    residual = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
+    innovation = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
     factor = cholesky(without(expected.cov + sensor.noise_cov[..., None], missing))
-    whitened = solve_lower(factor, residual[:, None])[:, 0]
-    return fit_of(whitened, factor, missing, None)
+    whitened = solve_lower(factor, innovation[:, None])[:, 0]
+    return innovation_of(whitened, factor, missing, None)

@@ -29,21 +29,21 @@ class Streams:
 
     def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).normals(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).normals(shape))
 
-    def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
-        """The streams of several runs, to be drawn from as one goes along."""
-        return Draws(partial(self.generator, purpose), runs)
+    def generators(self, purpose: str, runs: Iterable[int]) -> "Generators":
+        """The generators of several runs, to be drawn from as one goes along."""
+        return Generators(partial(self.generator, purpose), runs)
 
     def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).uniforms(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).uniforms(shape))
 
 
-class Draws:
-    """Random numbers for a batch of runs, drawn step by step, each run from its own stream.
+class Generators:
+    """Random number generators of a batch of runs, each of which draws from its own stream.
 
-    make: gives the stream of a run by its number. Streams are made when first drawn from, and some filters never do.
+    make: gives the generator of a run by its number. They are made when first drawn from, and some filters never do.
     """
 
     def __init__(self, make: Callable[[int], np.random.Generator], runs: Iterable[int]) -> None:
@@ -53,9 +53,9 @@ class Draws:
     def _generators(self) -> list[np.random.Generator]:
         return [self._make(run) for run in self._runs]
 
-    def of(self, runs: Array) -> "Draws":
-        """The streams of some of the runs, by their place in this batch."""
-        return Draws(self._generators.__getitem__, runs)
+    def take(self, runs: Array) -> "Generators":
+        """The generators of some of the runs, by their index in this batch."""
+        return Generators(self._generators.__getitem__, runs)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 
 
 class Uniform(NamedTuple):
@@ -16,7 +16,7 @@ class Uniform(NamedTuple):
     high: Array
     runs: int
 
-    def of(self, runs: Array) -> "Uniform":
+    def take(self, runs: Array) -> "Uniform":
         """The same in some of the runs."""
         return self._replace(runs=runs.size)
 
@@ -25,7 +25,7 @@ class Uniform(NamedTuple):
         mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)
         return Gaussian(mean, np.diag((self.high - self.low) ** 2 / 12.0))
 
-    def sample(self, draws: Draws, count: int) -> Array:
+    def sample(self, generators: Generators, count: int) -> Array:
         """Points (n, count, runs)."""
         width = (self.high - self.low)[:, None, None]
-        return self.low[:, None, None] + width * draws.uniforms((self.low.size, count))
+        return self.low[:, None, None] + width * generators.uniforms((self.low.size, count))

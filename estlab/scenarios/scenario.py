@@ -37,8 +37,8 @@ class Scales:
 class History:
     """One run as it is drawn: all that a problem's own pictures may use.
 
-    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
-    places: (p, L). shown: the record's further arrays, and its sums over all runs. run: its number.
+    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), landmark_number: (N,) of the readings.
+    landmarks: (p, L). extra: the record's further arrays, and its sums over all runs. run: its number.
     """
 
     time: Array
@@ -47,9 +47,9 @@ class History:
     cov: Array
     step: Array
     values: Array
-    target: Array
-    places: Array
-    shown: dict[str, Array]
+    landmark_number: Array
+    landmarks: Array
+    extra: dict[str, Array]
     run: int = 0
 
 
@@ -98,8 +98,8 @@ class Scenario(ABC):
         """The motion model as assumed with these noises."""
 
     @abstractmethod
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
-        """The sensor as assumed with these noises, among a record's places."""
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
+        """The sensor as assumed with these noises, among a record's landmarks."""
 
     @abstractmethod
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:

@@ -23,7 +23,7 @@ def move(state, control, noise, dt):
     return state[0] + dt * state[1] + 0.5 * dt**2 * push, state[1] + dt * push
 
 
-def measure(state, place):
+def measure(state, landmark):
     return state[0], state[0] + 0.2 * state[1]
 
 
@@ -84,7 +84,7 @@ def test_step_by_step_gives_what_the_whole_gives():
     for k in range(STEPS):
         belief = filter.predict(MOTION, belief, CONTROL[:, k], TIME[k] - (TIME[k - 1] if k else 0.0))
         if not np.isnan(READINGS[:, k]).any():
-            belief, _ = filter.update(SENSOR, belief, READINGS[:, k], SENSOR.place(0))
+            belief, _ = filter.update(SENSOR, belief, READINGS[:, k], SENSOR.landmark(0))
         np.testing.assert_array_equal(belief.mean, whole.mean[:, k])
         np.testing.assert_array_equal(belief.cov, whole.cov[..., k])
 
@@ -124,7 +124,7 @@ def test_the_smoother_ends_where_the_filter_does_and_is_surer_before():
 def test_a_truth_gives_errors_the_short_way_round():
     heading = Space(("heading",), ("rad",), angles=(0,))
     motion = Motion(heading, lambda state, control, noise, dt: (state[0] + noise[0],), lambda control, dt: np.eye(1), 1)
-    compass = Sensor(heading, heading, lambda state, place: (state[0],), np.array([[1e-4]]))
+    compass = Sensor(heading, heading, lambda state, landmark: (state[0],), np.array([[1e-4]]))
     prior = Gaussian(np.array([3.1]), np.eye(1))
     truth = np.full((1, 5), 3.14)
     found = estlab.estimate("ekf", motion, compass, prior, np.arange(5.0), truth + 0.01, truth=truth)
@@ -136,7 +136,7 @@ def test_a_uniform_prior_and_landmarks_by_number():
     sensor = Sensor(
         Space(("distance",), ("m",)),
         STATE,
-        lambda state, place: (place[0] - state[0],),
+        lambda state, landmark: (landmark[0] - state[0],),
         np.array([[0.01]]),
         np.array([[10.0, 20.0]]),
     )
@@ -157,11 +157,11 @@ def test_a_scenario_s_own_run_is_what_estimate_makes_of_its_record(folder):
     own = np.repeat(np.arange(record.time.size), np.maximum(count, 1))
     read = np.flatnonzero(np.repeat(count > 0, np.maximum(count, 1)))
     values, about = np.full((2, own.size, 3), np.nan), np.zeros((own.size, 3), dtype=int)
-    values[:, read], about[read] = record.readings.values, record.readings.target
+    values[:, read], about[read] = record.readings.values, record.readings.landmark_number
     found = estlab.estimate(
         "ekf",
         scenario.motion(assumed),
-        scenario.sensor(assumed, record.places),
+        scenario.sensor(assumed, record.landmarks),
         record.prior,
         record.time[own],
         values,
