@@ -18,7 +18,11 @@ Every name is imported when it is first used, so ``import estlab`` itself takes 
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from estlab import earlier_names
+
 __version__ = "0.1.0"
+
+earlier_names.find_modules()
 
 if TYPE_CHECKING:
     from estlab import errors

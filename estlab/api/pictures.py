@@ -1,6 +1,5 @@
 """The pictures of a run as matplotlib figures, drawn from its tables and arrays."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ _TABLES = (rundir.ERRORS, rundir.NEES, rundir.NIS, rundir.NOTES)
 
 def names(source: Source) -> tuple[str, ...]:
     """The names of the pictures of a run."""
-    return tuple(_makers(source))
+    return tuple(name for name, make in _makers(source).items() if _made(make) is not None)
 
 
 def drawn(source: Source, name: str) -> "Figure":
@@ -32,36 +31,40 @@ def drawn(source: Source, name: str) -> "Figure":
     Raises UserError for one that the run does not have.
     """
     makers = _makers(source)
-    if name not in makers:
-        listed = f"one of {', '.join(makers)}" if makers else "a run of a single step has none"
-        raise UserError(f"there is no figure {name}{nearest(name, list(makers))} ({listed})")
-    with np.errstate(all="ignore"):
-        figure = makers[name]()
+    figure = _made(makers[name]) if name in makers else None
+    if figure is None:
+        known = names(source)
+        listed = f"one of {', '.join(known)}" if known else "a run of a single step has none"
+        raise UserError(f"there is no figure {name}{nearest(name, known)} ({listed})")
     figure._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]
     return figure
 
 
-def _makers(source: Source) -> dict[str, Callable[[], "Figure"]]:
-    """What draws each picture, by its name."""
+@np.errstate(all="ignore")
+def _made(make: plots.Make) -> "Figure | None":
+    return make()
+
+
+def _makers(source: Source) -> dict[str, plots.Make]:
+    """What draws each picture that a run may have, by its name."""
     scenario, arrays, filters = source.settings.scenario, source.arrays(), list(source.filters)
     histories = {name: history_of(arrays, name, len(filters)) for name in filters}
 
     def draw(axes: "Axes", name: str, place: int) -> None:
         scenario.draw(axes, history_of(arrays, name, len(filters), place))
 
-    found = plots.pictures(
-        _tables(source),
-        arrays,
-        filters,
-        scenario.space,
-        source.title,
-        source.settings.run_numbers,
-        _is_repeated(arrays),
-        draw,
+    data = plots.PlotData(
+        tables=_tables(source),
+        arrays=arrays,
+        filters=filters,
+        space=scenario.space,
+        title=source.title,
+        runs=source.settings.run_numbers,
+        repeated=_is_repeated(arrays),
+        draw=draw,
     )
-    own = scenario.pictures(histories)
-    makers: dict[str, Callable[[], Figure]] = {**found, **{name: partial(_same, own[name]) for name in own}}
-    return {name.removesuffix(".png"): make for name, make in makers.items()}
+    own: dict[str, plots.Make] = {name: partial(_same, one) for name, one in scenario.pictures(histories).items()}
+    return {name.removesuffix(".png"): make for name, make in {**plots.pictures(data), **own}.items()}
 
 
 def _same(figure: "Figure") -> "Figure":
