@@ -15,6 +15,7 @@ from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import lidar, vehicle
 from estlab.models.contract import Motion, Sensor
+from estlab.models.lidar_runs import measure_runs, noisy_frames
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
 from estlab.scenarios.scenario import (
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED, HEADING, LENGTH = 2, 3, 4  # length and width are the last two
-_SCANNED_AT_ONCE = 8  # runs, some 25,000 rays, whose arrays stay in the cache
 
 # The state in which a simulated car begins, and within what each run's is uniform about it.
 _BEGIN = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85])
@@ -211,27 +211,10 @@ class Car(Scenario):
         self, streams: Streams, runs: Sequence[int], truth: Array, scale: float
     ) -> tuple[Array, dict[str, Array]]:
         """The measurements (3, T, runs) from noisy frames, and the frames of the first run."""
-        values, raw = np.empty((3, *truth.shape[1:])), {}
-        for begin in range(0, len(runs), _SCANNED_AT_ONCE):
-            some = slice(begin, begin + _SCANNED_AT_ONCE)
-            points, owner = self._frames(streams, runs[some], truth[:, :, some], scale)
-            measured = lidar.measure_frames(points, owner, values[0, :, some].size)
-            values[:, :, some] = measured.reshape(3, -1, truth.shape[1]).swapaxes(1, 2)
-            if begin == 0:
-                first = owner < truth.shape[1]
-                raw = {"points": points[:, first], "owner": owner[first]}
-        return values, raw
-
-    def _frames(self, streams: Streams, runs: Sequence[int], truth: Array, scale: float) -> tuple[Array, Array]:
-        """Noisy points (2, N) of the frames of all steps of one run, then of the next; and their frames' numbers."""
-        points, owner = lidar.cast(np.swapaxes(truth, 1, 2).reshape(6, -1))
-        edges = np.searchsorted(owner, truth.shape[1] * np.arange(len(runs) + 1))
-        blur = [
-            streams.generator("readings", run).standard_normal((2, b - a))
-            for run, a, b in zip(runs, edges, edges[1:], strict=False)
-        ]
-        sds = scale * np.array([self.lidar_range_sd, self.lidar_bearing_sd])
-        return points + sds[:, None] * np.concatenate(blur, axis=1), owner
+        sds = (scale * self.lidar_range_sd, scale * self.lidar_bearing_sd)
+        values = measure_runs(truth, streams.generators("readings", runs), sds)
+        points, owner = noisy_frames(truth[:, :, :1], [streams.generator("readings", runs[0])], sds)
+        return values, {"points": points, "owner": owner}
 
     def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
         cov = diagonal_cov(self.initial_sd)
