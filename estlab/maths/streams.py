@@ -50,23 +50,24 @@ class Draws:
         self._make, self._runs = make, runs
 
     @cached_property
-    def _generators(self) -> list[np.random.Generator]:
+    def generators(self) -> list[np.random.Generator]:
+        """The stream of each run."""
         return [self._make(run) for run in self._runs]
 
     def of(self, runs: Array) -> "Draws":
         """The streams of some of the runs, by their place in this batch."""
-        return Draws(self._generators.__getitem__, runs)
+        return Draws(self.generators.__getitem__, runs)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""
-        numbers = np.empty((len(self._generators), *shape))
-        for k, generator in enumerate(self._generators):
+        numbers = np.empty((len(self.generators), *shape))
+        for k, generator in enumerate(self.generators):
             generator.standard_normal(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)
 
     def uniforms(self, shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run's side by side in memory."""
-        numbers = np.empty((len(self._generators), *shape))
-        for k, generator in enumerate(self._generators):
+        numbers = np.empty((len(self.generators), *shape))
+        for k, generator in enumerate(self.generators):
             generator.random(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)

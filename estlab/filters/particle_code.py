@@ -1,0 +1,133 @@
+"""The programs that go over clouds, called on arrays; and the streams that they draw from."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from estlab.compiled import cache, numpy_streams, particle_programs
+from estlab.compiled.model_graphs import MotionModel, SensorModel
+from estlab.compiled.particle_pieces import EIGHT, Entries
+from estlab.maths.space import Array, Space
+from estlab.maths.streams import Draws
+from estlab.models.contract import Motion, Sensor
+
+
+class ParticleCode:
+    """The programs of a motion and a sensor, each made when it is first wanted. lanes: particles at once.
+
+    What each is given is listed in estlab.compiled.particle_programs. Raises UntraceableError, naming function, file
+    and line, for models that cannot be traced.
+    """
+
+    def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
+        self.motion, self.sensor, self.lanes = motion, sensor, lanes
+        self._programs: dict[Any, tuple[cache.Program, Callable[[int], None]]] = {}
+        self._room: dict[str, Array] = {}
+
+    def draw(self, **given: Any) -> None:
+        """Draw numbers of streams."""
+        self._run("drawing", self._drawing, particle_programs.DRAWING, given)
+
+    def choose(self, **given: Any) -> None:
+        """Find which particles lie at positions."""
+        self._run("choosing", self._choosing, particle_programs.CHOOSING, given)
+
+    def normalise(self, **given: Any) -> None:
+        """Make weights of their logarithms."""
+        self._run("normalising", self._normalising, particle_programs.NORMALISING, given)
+
+    def sum(self, **given: Any) -> None:
+        """Find the moments of clouds of states."""
+        self._run("summing", self._summing, particle_programs.SUMMING, given)
+
+    def move(self, factor: Entries, controls: int, /, **given: Any) -> None:
+        """Move particles. factor: which entries of the noise's factor are not zero; controls: numbers of a command."""
+        motion = self.motion
+
+        def make() -> str:
+            model = MotionModel(motion.space, motion.move, motion.noise_size, controls, None, None)
+            return particle_programs.moving(model, factor, self.lanes)
+
+        self._run((factor, controls), make, particle_programs.MOVING, given)
+
+    def weigh(self, whitening: Entries, count: int, /, **given: Any) -> None:
+        """Hold particles against ``count`` readings as one. whitening: which of its entries are not zero."""
+        sensor = self.sensor
+
+        def make() -> str:
+            model = SensorModel(sensor.space, sensor.state, sensor.measure, len(sensor.places), None, None, count)
+            return particle_programs.weighing(model, whitening, self.lanes)
+
+        self._run(("weighing", whitening, count), make, particle_programs.WEIGHING, given)
+
+    def room(self, name: str, size: int) -> Array:
+        """Room for so many numbers, of no meaning between two calls."""
+        if name not in self._room or self._room[name].size < size:
+            self._room[name] = np.empty(size)
+        return self._room[name][:size]
+
+    def common(self, count: int, rows: int, draws: "CompiledDraws | None", runs: int) -> dict[str, Any]:
+        """What all programs are given. rows: the most components of a vector."""
+        present = np.ones(2 * EIGHT)
+        present[EIGHT + count % EIGHT :] = 0.0
+        return {
+            "RUNS": runs, "COUNT": count, "present": present,
+            "row": np.arange(runs) if draws is None else draws.row,
+            "flags": np.empty((runs, EIGHT)) if draws is None else draws.flags,
+            "aside": self.room("aside", EIGHT * (3 * rows + 4)),
+            "sums": self.room("sums", EIGHT * (rows * (rows + 3) // 2 + 2)),
+        }  # fmt: skip
+
+    def _run(self, key: Any, make: Callable[[], str], names: Sequence[str], given: dict[str, Any]) -> None:
+        if key not in self._programs:
+            program = cache.program(make())
+            self._programs[key] = program, program.function("run")
+        numbers = [value.ctypes.data if isinstance(value, np.ndarray) else value for value in map(given.get, names)]
+        self._programs[key][1](np.array(numbers, dtype=np.int64).ctypes.data)
+
+    def _drawing(self) -> str:
+        return particle_programs.drawing(self.lanes)
+
+    def _choosing(self) -> str:
+        return particle_programs.choosing(self.lanes)
+
+    def _normalising(self) -> str:
+        return particle_programs.normalising(self.lanes)
+
+    def _summing(self) -> str:
+        return particle_programs.summing(self.motion.space, self.lanes)
+
+
+class CompiledDraws(Draws):
+    """Streams of runs that compiled code goes on with, to the same numbers as NumPy.
+
+    state: (R, 4), where the streams stand. flags: (R, 8), not 0 where something of a run was beyond what the code is
+    right for. row: (runs,), which of the R are those of this batch.
+    """
+
+    def __init__(self, code: ParticleCode, state: Array, flags: Array, row: Array) -> None:
+        self.code, self.state, self.flags, self.row = code, state, flags, row
+
+    @classmethod
+    def at_start(cls, code: ParticleCode, draws: Draws) -> "CompiledDraws":
+        """The streams where they stand, which stay there. Raises ValueError for streams that are not PCG64's."""
+        state = numpy_streams.states(draws.generators)
+        return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
+
+    def of(self, runs: Array | slice) -> "CompiledDraws":
+        return CompiledDraws(self.code, self.state, self.flags, self.row[runs])
+
+    def normals(self, shape: tuple[int, ...]) -> Array:
+        return self._numbers(shape, normal=1)
+
+    def uniforms(self, shape: tuple[int, ...]) -> Array:
+        return self._numbers(shape, normal=0)
+
+    def _numbers(self, shape: tuple[int, ...], normal: int) -> Array:
+        numbers = np.empty((self.row.size, *shape))
+        self.code.draw(
+            RUNS=self.row.size, COUNT=numbers[:1].size, row=self.row, state=self.state, out=numbers, NORMAL=normal,
+            layers=numpy_streams.layers(),
+        )  # fmt: skip
+        return np.moveaxis(numbers, 0, -1)
