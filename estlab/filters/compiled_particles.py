@@ -13,7 +13,7 @@ from estlab.filters.step import Step
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky
-from estlab.maths.resampling import Weights, positions
+from estlab.maths.resampling import Weights
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Draws
 from estlab.models.contract import Motion, Sensor
@@ -30,7 +30,31 @@ class CompiledParticleFilter(ParticleFilter):
         """A filter, compiled."""
         return cls(**{field.name: getattr(filter, field.name) for field in fields(filter)}, code=code)
 
-    def _drawn(self, motion: Motion, points: Array, control: Array, dt: float, draws: Draws) -> tuple[Array, Step]:
+    def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
+        few = np.flatnonzero(belief.weights.size < self.threshold * self.particles)
+        if few.size == 0 or not self._plain:
+            return super().predict(motion, belief, control, dt)
+        # Chosen in the pass that moves them. The weights are this belief's own, and are made even in their place.
+        nth = np.full(belief.fresh.size, -1)
+        nth[few] = np.arange(few.size)
+        old = belief.weights
+        log, weight, size, vanished = _flat(old.log), _flat(old.linear), old.size.copy(), old.vanished.copy()
+        size[few], vanished[few] = self.particles, False
+        choice = self._choice(belief.draws.of(few), drawn=self.resampling == "multinomial")
+        points, step = self._drawn(
+            motion, belief.points, control, dt, belief.draws, **choice, nth_few=nth, log=log, weight=weight
+        )
+        return self._after(belief._replace(points=points, weights=Weights(log.T, weight.T, size, vanished)), step)
+
+    @property
+    def _plain(self) -> bool:
+        """Whether particles that are chosen stay as they are, and which they were is not asked."""
+        changed = self.roughening > 0.0 or self.bandwidth > 0.0 or self.injection > 0.0
+        return not changed and self.resampling != "residual" and self.ancestors == "bootstrap"
+
+    def _drawn(
+        self, motion: Motion, points: Array, control: Array, dt: float, draws: Draws, **choice: Any
+    ) -> tuple[Array, Step]:
         factor = cholesky(motion.noise_cov(control, dt))
         (_, count, runs), q = points.shape, motion.noise_size
         if self.ancestors == "auxiliary":  # which wants the noise once more
@@ -38,21 +62,24 @@ class CompiledParticleFilter(ParticleFilter):
         else:
             z = self.code.room("z", q * count).reshape(1, q, count)
         factor = factor if factor.ndim > 2 else factor[..., None]
-        step = Step(motion, points, control, factor, np.moveaxis(z, 0, -1), dt)
-        return self._after(step, z, draws, drawn=True), step
+        step = Step(motion, points, control, factor, z.transpose(1, 2, 0), dt)
+        return self._stepped(step, z, draws, DRAWN=1, **choice), step
 
     def _moved(self, step: Step, draws: Draws) -> Array:
-        return self._after(step, _by_runs(step.z), draws, drawn=False)
+        return self._stepped(step, _by_runs(step.z), draws, DRAWN=0)
 
-    def _after(self, step: Step, z: Array, draws: Any, drawn: bool) -> Array:
-        n, count, runs = step.before.shape
+    def _stepped(self, step: Step, z: Array, draws: Any, **given: Any) -> Array:
+        (n, count, runs), code = step.before.shape, self.code
         after, before = cloud.empty(n, count, runs), _flat(step.before)
         control, factor = _by_runs(step.control), _by_runs(step.factor)
-        self.code.move(
-            _entries(step.factor), len(step.control), **self.code.common(count, max(n, z.shape[1]), draws, runs),
-            DRAWN=int(drawn), state=draws.state, layers=numpy_streams.layers(), z=z, Z_NEXT=_next(z),
-            before=before, after=after, CLOUD_STRIDE=count * runs, lapse=np.array([step.dt]),
-            control=control, CONTROL_NEXT=_next(control), factor=factor, FACTOR_NEXT=_next(factor),
+        given.setdefault("nth_few", np.full(runs, -1))
+        code.move(
+            _entries(step.factor), len(step.control), **code.common(count, max(n, z.shape[1]), draws, runs), **given,
+            state=draws.state, layers=numpy_streams.layers(), z=z, Z_NEXT=_next(z), before=before, after=after,
+            CLOUD_STRIDE=count * runs, lapse=np.array([step.dt]), control=control, CONTROL_NEXT=_next(control),
+            factor=factor, FACTOR_NEXT=_next(factor), edge=code.room("edge", count + 1),
+            position=code.room("position", count + 1), chosen=code.room("chosen", count),
+            even=np.array([-np.log(count), 1.0 / count]), gathered=code.room("gathered", n * count),
         )  # fmt: skip
         return after
 
@@ -75,18 +102,18 @@ class CompiledParticleFilter(ParticleFilter):
         before, linear = _flat(belief.weights.log), _flat(belief.weights.linear)
         self.code.weigh(
             _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), draws, runs),
-            **found.fields, few=self.code.room("few", 2), NORMALISED=int(normalised), point=point,
+            **found.fields, pair=self.code.room("pair", 2), NORMALISED=int(normalised), point=point,
             CLOUD_STRIDE=count * runs, log_before=before, weight=linear, reading=reading,
             whitening=whitening, WHITENING_NEXT=_next(whitening), place=places, PLACE_NEXT=_next(places),
             expected=self.code.room("expected", m * padded), EXPECTED_STRIDE=padded, mean=mean, cov=cov,
         )  # fmt: skip
-        return found.weights(), Gaussian(np.moveaxis(mean, 0, -1), np.moveaxis(cov, 0, -1))
+        return found.weights(), Gaussian(mean.T, cov.transpose(1, 2, 0))
 
     def _weights(self, logs: Array) -> Weights:
         found = _Weights(*logs.shape)
         found.fields["log"] = _flat(logs)
         common = self.code.common(*logs.shape[:1], 1, None, logs.shape[1])
-        self.code.normalise(**common, **found.fields, few=self.code.room("few", 2))
+        self.code.normalise(**common, **found.fields, pair=self.code.room("pair", 2))
         return found.weights()
 
     def _moments(self, space: Space, points: Array, weights: Array, draws: Any) -> Gaussian:
@@ -96,18 +123,33 @@ class CompiledParticleFilter(ParticleFilter):
             **self.code.common(count, n + len(space.angles), draws, runs), vector=vector, CLOUD_STRIDE=count * runs,
             weight=weight, mean=mean, cov=cov,
         )  # fmt: skip
-        return Gaussian(np.moveaxis(mean, 0, -1), np.moveaxis(cov, 0, -1))
+        return Gaussian(mean.T, cov.transpose(1, 2, 0))
 
     def _chosen(self, weights: Array, draws: Draws) -> Array:
         if self.resampling == "residual":
             return super()._chosen(weights, draws)
-        count, runs = weights.shape
-        position, weight = _flat(positions(self.resampling, count, draws)), _flat(weights)
-        chosen = np.empty((runs, count), dtype=np.int64)
-        self.code.choose(
-            RUNS=runs, COUNT=count, weight=weight, position=position, edge=self.code.room("edge", count), chosen=chosen
-        )
+        (count, runs), weight, code = weights.shape, _flat(weights), self.code
+        chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(draws, drawn=True)
+        code.choose(
+            RUNS=runs, COUNT=count, weight=weight, **choice, edge=code.room("edge", count + 1),
+            position=code.room("position", count + 1), chosen=chosen,
+        )  # fmt: skip
         return chosen.T
+
+    def _choice(self, draws: Draws, drawn: bool) -> dict[str, Any]:
+        """The uniform numbers of resampling, drawn here or to be drawn, and how positions come of them."""
+        count = self.particles
+        numbers = 1 if self.resampling == "systematic" else count
+        strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
+        if drawn:
+            u = draws.uniforms((numbers,)).T
+            u = np.sort(u) if self.resampling == "multinomial" else u
+        else:
+            u = self.code.room("u", numbers)
+        return {
+            "u": u, "U_NEXT": numbers if drawn else 0, "U_STRIDE": int(numbers > 1), "U_DRAWN": 0 if drawn else numbers,
+            "strata": strata,
+        }  # fmt: skip
 
 
 class _Weights:
@@ -131,7 +173,8 @@ def _flat(values: Array) -> Array:
 
 def _by_runs(values: Array) -> Array:
     """Values (*shape, runs or 1) with runs first."""
-    return np.ascontiguousarray(np.moveaxis(values, -1, 0), dtype=float)
+    axes = range(values.ndim - 1)
+    return np.ascontiguousarray(values.transpose(values.ndim - 1, *axes), dtype=float)
 
 
 def _next(values: Array) -> int:

@@ -94,9 +94,7 @@ class ParticleFilter(Filter):
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         before = self._resampled(motion, belief)
         points, step = self._drawn(motion, before.points, control, dt, belief.draws)
-        nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
-        last = step if self.ancestors == "auxiliary" else None
-        return before._replace(points=points, lost=nothing, last=last, fresh=fresh)
+        return self._after(before._replace(points=points), step)
 
     def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
         weights, expected = self._weighed(sensor, belief, reading, place)
@@ -168,6 +166,11 @@ class ParticleFilter(Filter):
         moved = belief._replace(points=self._moved(last._replace(before=before), belief.draws), weights=even)
         second, _ = self._looked(sensor, moved, reading, place)
         return moved._replace(weights=self._weights(second - np.take_along_axis(fits, chosen, axis=0)))
+
+    def _after(self, belief: Particles, step: Step) -> Particles:
+        """The belief after a step that made its points."""
+        nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
+        return belief._replace(lost=nothing, last=step if self.ancestors == "auxiliary" else None, fresh=fresh)
 
     # The work on whole clouds, which compiled code does too: see estlab.filters.compiled_particles.
 

@@ -23,7 +23,7 @@ class ParticleCode:
     def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
         self._programs: dict[Any, tuple[cache.Program, Callable[[int], None]]] = {}
-        self._room: dict[str, Array] = {}
+        self._rooms: dict[str, Array] = {}
 
     def draw(self, **given: Any) -> None:
         """Draw numbers of streams."""
@@ -63,12 +63,12 @@ class ParticleCode:
 
     def room(self, name: str, size: int) -> Array:
         """Room for so many numbers, of no meaning between two calls."""
-        if name not in self._room or self._room[name].size < size:
-            self._room[name] = np.empty(size)
-        return self._room[name][:size]
+        if name not in self._rooms or self._rooms[name].size < size:
+            self._rooms[name] = np.empty(size)
+        return self._rooms[name][:size]
 
     def common(self, count: int, rows: int, draws: "CompiledDraws | None", runs: int) -> dict[str, Any]:
-        """What all programs are given. rows: the most components of a vector."""
+        """What all programs over particles are given. rows: the most components of a vector."""
         present = np.ones(2 * EIGHT)
         present[EIGHT + count % EIGHT :] = 0.0
         return {
@@ -83,7 +83,10 @@ class ParticleCode:
         if key not in self._programs:
             program = cache.program(make())
             self._programs[key] = program, program.function("run")
-        numbers = [value.ctypes.data if isinstance(value, np.ndarray) else value for value in map(given.get, names)]
+        numbers = [
+            value.ctypes.data if isinstance(value, np.ndarray) else value
+            for value in (given.get(name, 0) for name in names)
+        ]
         self._programs[key][1](np.array(numbers, dtype=np.int64).ctypes.data)
 
     def _drawing(self) -> str:

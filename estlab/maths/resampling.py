@@ -82,15 +82,6 @@ def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
     return chosen
 
 
-def positions(scheme: Scheme, count: int, draws: Draws) -> Array:
-    """Where in the weight of N points those lie that are chosen: ascending shares (N, runs); of any scheme but residual.
-
-    Multiplied by all the weight, each is looked up in the weights added up.
-    """
-    u = draws.uniforms((1 if scheme == "systematic" else count,))
-    return np.sort(u, axis=0) if scheme == "multinomial" else (np.arange(count)[:, None] + u) / count
-
-
 def _one_a_stratum(weights: Array, u: Array) -> Array:
     """For each of N equal shares of the weight, the point in which (share + u) / N of it lies; u (1 or N, runs).
 
