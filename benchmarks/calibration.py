@@ -68,7 +68,7 @@ def move(state: Array, control: Array, noise: Array, dt: float) -> tuple[Array, 
 
 
 MOTION = Motion(STATE, move, lambda control, dt: np.array([[Q / dt]]), 1)
-SENSOR = Sensor(READING, STATE, lambda state, place: (state[0],), np.array([[R]]), np.empty((0, 1)))
+SENSOR = Sensor(READING, STATE, lambda state, landmark: (state[0],), np.array([[R]]), np.empty((0, 1)))
 
 
 def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0) -> Record:
@@ -92,7 +92,7 @@ def records(fault: Fault, runs: int, steps: int, seed: int, missing: float = 0.0
 def filtered(record: Record, gate: float | None = None) -> Estimates:
     """By the Kalman filter."""
     return Loop(extended("additive", gate), MOTION, SENSOR).estimate(
-        record, Streams(1, "calibration").draws("none", ())
+        record, Streams(1, "calibration").generators("none", ())
     )
 
 
@@ -212,7 +212,9 @@ def _runs(record: Record, part: slice) -> Record:
     return replace(
         record,
         truth=record.truth[..., part],
-        readings=replace(readings, values=readings.values[..., part], target=readings.target[:, part]),
+        readings=replace(
+            readings, values=readings.values[..., part], landmark_number=readings.landmark_number[:, part]
+        ),
     )
 
 
@@ -277,7 +279,7 @@ def main(replications: int) -> None:
     }
     _table(["intervals and comparison", "misses"], ([k, _share(v)] for k, v in (misses | differences).items()))
     naive = _share(counted_naively(ensembles(Fault(), replications, 20, 200)))
-    print(f"For comparison, a chi-square test of NEES that takes steps for independent, 20 runs, 200 steps: {naive}\n")
+    print(f"For comparison, a chi-square test of NEES that treats steps as independent, 20 runs, 200 steps: {naive}\n")
     print(f"Power in % at nominal 5 %, {replications // 4} replications\n")
     cases = [(name, fault, runs) for name, fault in FAULTS.items() for runs in (20, 100)]
     _table(

@@ -6,29 +6,32 @@ from pathlib import Path
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 
 
+@renamed(target="landmark_number")
 @dataclass(frozen=True)
 class Readings:
     """Readings in the order of time.
 
     step: (N,) the step each is taken at, ascending; several may share one. values: (m, N, runs), NaN where a run
-    has none. target: (N, runs), the number of the place that each is about, 0 where there is no choice.
+    has none. landmark_number: (N, runs), the number of the landmark that each is about, 0 where there is no choice.
     """
 
     step: Array
     values: Array
-    target: Array
+    landmark_number: Array
 
     def bounds(self, steps: int) -> Array:
         """Readings bounds[k] to bounds[k + 1] are taken at step k; (steps + 1,)."""
         return np.searchsorted(self.step, np.arange(steps + 1))
 
 
+@renamed(places="landmarks", shown="extra")
 @dataclass(frozen=True)
 class Record:
     """An ensemble of runs on one time line.
@@ -37,10 +40,10 @@ class Record:
     control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at start,
     a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read.
     remarks: what a reader of the results must know.
-    places: (p, number of places), what readings may be about. raw: what the first run's readings were taken from.
-    shown: further arrays for a problem's own pictures, kept in the run directory.
+    landmarks: (p, number of landmarks), what readings may be about. raw: what the first run's readings were taken from.
+    extra: further arrays for a problem's own pictures, kept in the run directory.
     repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
-    sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the shown.
+    sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the extra ones.
     origin: the truth (n, runs) at start where errors have a bound (estlab.metrics.bound): truth and readings are drawn
     from the scenario's own motion and sensor with the truth's noises, and the prior is a Gaussian that says no less
     of the start than is known. Else None.
@@ -54,9 +57,9 @@ class Record:
     prior: Gaussian | Uniform
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
-    places: Array = field(default_factory=lambda: np.empty((0, 1)))
+    landmarks: Array = field(default_factory=lambda: np.empty((0, 1)))
     raw: dict[str, Array] = field(default_factory=dict)
-    shown: dict[str, Array] = field(default_factory=dict)
+    extra: dict[str, Array] = field(default_factory=dict)
     repeated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
     origin: Array | None = None
@@ -71,11 +74,11 @@ class Record:
         runs: the numbers of its runs, whose streams decide.
         """
         values = self.readings.values.copy()
-        for place, run in enumerate(runs):
+        for i, run in enumerate(runs):
             # Of those that it has, so that other runs of its block do not matter.
-            had = np.flatnonzero(np.isfinite(values[:, :, place]).any(axis=0))
+            had = np.flatnonzero(np.isfinite(values[:, :, i]).any(axis=0))
             lost = streams.generator("lost", 0 if self.repeated else run).random(had.size) < share
-            values[:, had[lost], place] = np.nan
+            values[:, had[lost], i] = np.nan
         return replace(self, readings=replace(self.readings, values=values))
 
     @property
@@ -88,7 +91,9 @@ class Record:
         if steps is None or steps >= self.time.size:
             return self
         kept = int(np.searchsorted(self.readings.step, steps))
-        readings = Readings(self.readings.step[:kept], self.readings.values[:, :kept], self.readings.target[:kept])
+        readings = Readings(
+            self.readings.step[:kept], self.readings.values[:, :kept], self.readings.landmark_number[:kept]
+        )
         return replace(
             self,
             time=self.time[:steps],
@@ -100,11 +105,11 @@ class Record:
 
 @dataclass(frozen=True)
 class Estimates:
-    """A filter's belief after each step, and how the readings fitted.
+    """A filter's belief after each step, and the innovations of the readings.
 
     mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
-    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.filter.Fit; NaN where
-    nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
+    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.filter.Innovation; NaN
+    where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
     covariance and how many times the unbiased one; None where it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
     gate: the share of right readings that were let through, None for all.

@@ -13,7 +13,9 @@ def by_both(*words, change=lambda record: record):
     """Estimates of the NumPy and of the compiled loop for what these words compose, the record changed first."""
     wanted = settings(*words)
     record = change(record_of(wanted, Names("test", "test"), wanted.run_numbers))
-    loops = [loop_of(replace(wanted, engine=engine), wanted.filter, record.places) for engine in ("numpy", "compiled")]
+    loops = [
+        loop_of(replace(wanted, engine=engine), wanted.filter, record.landmarks) for engine in ("numpy", "compiled")
+    ]
     for loop in loops:
         loop.check()
         loop.check_engine()
@@ -45,4 +47,4 @@ def assert_same(expected, found, within, runs=slice(None)):
 
 def estimated(loop, record):
     """What a loop makes of a record."""
-    return loop.estimate(record, Streams(1, "test").draws("filter", range(record.runs)))
+    return loop.estimate(record, Streams(1, "test").generators("filter", range(record.runs)))

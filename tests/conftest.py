@@ -16,7 +16,7 @@ from estlab.filters.loop import Loop
 from estlab.maths.streams import Streams
 from estlab.metrics.consistency import consistency_tests
 from estlab.metrics.scores import Limits
-from estlab.metrics.tabulated import Row, metric_rows
+from estlab.metrics.tabulated import MetricRow, metric_rows
 from estlab.metrics.tally import Tally
 from estlab.metrics.verdict import Tolerance, judge
 from estlab.record import Estimates
@@ -74,7 +74,7 @@ def tallied(problem, record, estimates, numbers=None) -> Tally:
     return tally
 
 
-def metrics(tally, bound=None) -> dict[tuple[str, str], Row]:
+def metrics(tally, bound=None) -> dict[tuple[str, str], MetricRow]:
     """Rows of figures by metric and component."""
     tests = consistency_tests(tally)
     verdict = judge(tally, tests, Tolerance(0.05, 0.01))
@@ -84,5 +84,5 @@ def metrics(tally, bound=None) -> dict[tuple[str, str], Row]:
 def estimate(filter, motion, sensor, record, scheme="sequential", pause=0.0, numbers=None) -> Estimates:
     """A filter over a record, its streams keyed by the runs' numbers, from 0 unless given; one for a shared belief."""
     numbers = (numbers or range(record.runs)) if record.each_its_own else range(1)
-    draws = Streams(1, "test").draws("filter", numbers)
-    return Loop(filter, motion, sensor, scheme, pause).estimate(record, draws)
+    generators = Streams(1, "test").generators("filter", numbers)
+    return Loop(filter, motion, sensor, scheme, pause).estimate(record, generators)

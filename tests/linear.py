@@ -25,7 +25,7 @@ def move(state, control, noise, dt):
     )
 
 
-def measure(state, place):
+def measure(state, landmark):
     return tuple(sum(H[i, j] * state[j] for j in range(3)) for i in range(2))
 
 
@@ -46,13 +46,13 @@ def record(runs, steps=40, seed=5):
         state = A @ state + process[k]
         truth[:, k], values[:, k] = state, H @ state + blur[k]
     time = 0.1 * np.arange(1, steps + 1)
-    target = np.zeros((steps, len(runs)), dtype=int)
+    landmark_number = np.zeros((steps, len(runs)), dtype=int)
     return Record(
         0.0,
         time,
         truth,
         np.empty((0, steps, 1)),
-        Readings(np.arange(steps), values, target),
+        Readings(np.arange(steps), values, landmark_number),
         Gaussian(prior, P0),
         origin=begin,
     )

@@ -22,7 +22,7 @@ def pull(angle):
     return 9.81 * np.sin(angle)
 
 
-def sideways(state, place):
+def sideways(state, landmark):
     angle, rate = state
     return (np.where(np.abs(angle) < 2.0, np.sin(angle), np.sin(angle) + 0.01 * rate),)
 

@@ -41,12 +41,12 @@ class Case:
     @cached_property
     def loop(self) -> Loop:
         """The filter with its models."""
-        return loop_of(self.settings, self.settings.filter, self.record.places)
+        return loop_of(self.settings, self.settings.filter, self.record.landmarks)
 
     def filtered(self) -> Estimates:
         """What the filter finds in all runs, as one block."""
-        draws = Streams(1, "benchmark").draws("filter", self.settings.run_numbers)
-        return self.loop.estimate(self.record, draws)
+        generators = Streams(1, "benchmark").generators("filter", self.settings.run_numbers)
+        return self.loop.estimate(self.record, generators)
 
     def plain_car(self, steps: int, transform: reference.Transform = reference.unscented) -> Callable[[], object]:
         """The reference over the first steps of the car's first run."""
@@ -59,9 +59,13 @@ class Case:
     def plain_robot(self, steps: int, linearised: bool) -> Callable[[], object]:
         """The reference, EKF or UKF, over the first steps of the landmark scenario's first run."""
         record, dt = self.record, self.settings.scenario.dt
-        values, target = record.readings.values[:, :, 0], record.readings.target[:, 0]
+        values, landmark_number = record.readings.values[:, :, 0], record.readings.landmark_number[:, 0]
         readings = [
-            [(values[:, i], record.places[:, target[i]]) for i in range(first, last) if np.isfinite(values[0, i])]
+            [
+                (values[:, i], record.landmarks[:, landmark_number[i]])
+                for i in range(first, last)
+                if np.isfinite(values[0, i])
+            ]
             for first, last in pairwise(record.readings.bounds(steps))
         ]
         controls = record.control[:, :steps, 0].T
@@ -80,8 +84,8 @@ class OneReading(Case):
     @cached_property
     def record(self) -> Record:
         whole = record_of(self.settings, NAMES, self.settings.run_numbers)
-        steps, marks = whole.time.size, whole.places.shape[1]
+        steps, marks = whole.time.size, whole.landmarks.shape[1]
         taken = np.arange(steps) * marks + np.arange(steps) % marks
         readings = whole.readings
-        taken_readings = Readings(readings.step[taken], readings.values[:, taken], readings.target[taken])
+        taken_readings = Readings(readings.step[taken], readings.values[:, taken], readings.landmark_number[taken])
         return replace(whole, readings=taken_readings)

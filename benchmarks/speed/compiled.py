@@ -67,8 +67,8 @@ def single() -> Iterator[Row]:
 def by_numpy(case: Case, steps: int | None = None) -> Estimates:
     """What the NumPy engine finds, in the first steps or in all."""
     settings = replace(case.settings, engine="numpy")
-    loop, runs = loop_of(settings, settings.filter, case.record.places), case.settings.run_numbers
-    return loop.estimate(case.record.first(steps), Streams(1, "benchmark").draws("filter", runs))
+    loop, runs = loop_of(settings, settings.filter, case.record.landmarks), case.settings.run_numbers
+    return loop.estimate(case.record.first(steps), Streams(1, "benchmark").generators("filter", runs))
 
 
 def first() -> Iterator[Row]:
@@ -88,13 +88,13 @@ def first() -> Iterator[Row]:
 def compiling(*words: str) -> float:
     """Seconds from a filter and its models to compiled code, with nothing kept."""
     case = Case(*words, "runs=8", "steps=2", COMPILED)
-    draws = Streams(1, "benchmark").draws("filter", case.settings.run_numbers)
+    generators = Streams(1, "benchmark").generators("filter", case.settings.run_numbers)
     case.record  # noqa: B018 - made before the clock runs
     kept = os.environ.get("ESTLAB_CACHE")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ESTLAB_CACHE"] = folder
         cache.lanes()  # the compiler itself is loaded
-        spent = seconds(lambda: case.loop.prepare(case.record, draws), CLOCK)
+        spent = seconds(lambda: case.loop.prepare(case.record, generators), CLOCK)
     os.environ.pop("ESTLAB_CACHE")
     if kept is not None:
         os.environ["ESTLAB_CACHE"] = kept

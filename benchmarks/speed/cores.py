@@ -19,8 +19,8 @@ from estlab.maths.streams import Streams
 from estlab.parallel.pool import Workers
 from estlab.record import Record
 
-Tick = Callable[[], None]
-Work = Callable[[int, Tick], object]
+OnStep = Callable[[], None]
+Work = Callable[[int, OnStep], object]
 
 RUNS = 1000
 BLOCKS = range(2)
@@ -53,11 +53,11 @@ def prepared(number: int) -> Record:
     return record_of(CAR.settings, NAMES, block(CAR.settings, number))
 
 
-def loop(number: int, tick: Tick) -> None:
+def loop(number: int, on_step: OnStep) -> None:
     """The filter over a prepared block, one of two by turns; what it finds stays where it is."""
     number %= len(BLOCKS)
     record = prepared(number)
-    CAR.loop.estimate(record, Streams(1, "benchmark").draws("filter", block(CAR.settings, number)), tick)
+    CAR.loop.estimate(record, Streams(1, "benchmark").generators("filter", block(CAR.settings, number)), on_step)
 
 
 def both_cores(work: Work, times: int = 1) -> Callable[[], object]:

@@ -104,14 +104,14 @@ def chain(states: int, filter: object) -> Callable[[], object]:
     """A chain of integrators, of which the first is measured and the last is driven by noise, in 500 runs."""
     runs, steps, dt = 500, 20, 0.1
     space = Space(tuple(f"x{i}" for i in range(states)), ("m",) * states)
-    motion = Motion(space, _integrate, lambda control, dt: np.eye(1) * dt, 1, _slopes)
-    sensor = Sensor(Space(("first",), ("m",)), space, _first, np.eye(1), np.empty((0, 1)), _first_slope)
+    motion = Motion(space, _integrate, lambda control, dt: np.eye(1) * dt, 1, _jacobians)
+    sensor = Sensor(Space(("first",), ("m",)), space, _first, np.eye(1), np.empty((0, 1)), _first_jacobian)
     rng = Streams(1, "chain").generator("readings", 0)
     readings = Readings(np.arange(steps), rng.standard_normal((1, steps, runs)), np.zeros((steps, runs), dtype=int))
     truth, prior = np.zeros((states, steps, runs)), Gaussian(np.zeros((states, runs)), np.eye(states))
     record = Record(0.0, dt * np.arange(1, steps + 1), truth, np.empty((0, steps, 1)), readings, prior)
     loop = Loop(filter, motion, sensor)
-    return lambda: loop.estimate(record, Streams(1, "chain").draws("filter", range(runs)))
+    return lambda: loop.estimate(record, Streams(1, "chain").generators("filter", range(runs)))
 
 
 def _integrate(state, control, noise, dt):
@@ -119,17 +119,17 @@ def _integrate(state, control, noise, dt):
     return tuple(x + dt * nexts[i] for i, x in enumerate(state))
 
 
-def _slopes(state, control, dt) -> tuple[list[list[float]], list[list[float]]]:
+def _jacobians(state, control, dt) -> tuple[list[list[float]], list[list[float]]]:
     n = len(state)
     in_state = [[1.0 if j == i else dt if j == i + 1 else 0.0 for j in range(n)] for i in range(n)]
     return in_state, [[dt if i == n - 1 else 0.0] for i in range(n)]
 
 
-def _first(state, place):
+def _first(state, landmark):
     return (state[0],)
 
 
-def _first_slope(state, place) -> Iterator[list[float]]:
+def _first_jacobian(state, landmark) -> Iterator[list[float]]:
     return [[1.0, *[0.0] * (len(state) - 1)]]
 
 

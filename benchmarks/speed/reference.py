@@ -35,12 +35,12 @@ def car_motion(x: Vector, rates: Vector, dt: float) -> Vector:
 
 def car_noise_cov(x: Vector, rates: np.ndarray, dt: float) -> np.ndarray:
     """Of the state after rates of this covariance held over dt, linearised; the heading's turns x and y too."""
-    slope = dt * np.eye(6)
+    jacobian = dt * np.eye(6)
     half = 0.5 * dt * dt
     cos, sin = np.cos(x[3]), np.sin(x[3])
-    slope[:2, 2] = half * cos, half * sin
-    slope[:2, 3] = -half * x[2] * sin, half * x[2] * cos
-    return slope @ rates @ slope.T
+    jacobian[:2, 2] = half * cos, half * sin
+    jacobian[:2, 3] = -half * x[2] * sin, half * x[2] * cos
+    return jacobian @ rates @ jacobian.T
 
 
 def car_reading(x: Vector) -> Vector:
@@ -73,7 +73,7 @@ def robot_motion(x: Vector, control: Vector, dt: float) -> Vector:
     return np.array([x[0] + r * (np.sin(after) - np.sin(x[2])), x[1] + r * (np.cos(x[2]) - np.cos(after)), after])
 
 
-def robot_slopes(x: Vector, control: Vector, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def robot_jacobians(x: Vector, control: Vector, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of :func:`robot_motion` in the pose and in (v, w)."""
     v, w = control
     sin, cos = np.sin(x[2]), np.cos(x[2])
@@ -100,7 +100,7 @@ def landmark_reading(x: Vector, landmark: Vector) -> Vector:
     return np.array([np.hypot(dx, dy), np.arctan2(dy, dx) - x[2]])
 
 
-def landmark_slope(x: Vector, landmark: Vector) -> np.ndarray:
+def landmark_jacobian(x: Vector, landmark: Vector) -> np.ndarray:
     """The derivative of :func:`landmark_reading` in the pose."""
     dx, dy = landmark - x[:2]
     q = dx * dx + dy * dy
@@ -159,10 +159,10 @@ def updated(
 ) -> tuple[Vector, np.ndarray, float]:
     """The Kalman update: mean, covariance and NIS."""
     inverse = np.linalg.inv(innovation_cov)
-    gain = cross @ inverse
-    mean = mean + gain @ innovation
+    kalman_gain = cross @ inverse
+    mean = mean + kalman_gain @ innovation
     mean[heading] = wrapped(mean[heading])
-    cov = cov - gain @ innovation_cov @ gain.T
+    cov = cov - kalman_gain @ innovation_cov @ kalman_gain.T
     return mean, 0.5 * (cov + cov.T), float(innovation @ inverse @ innovation)
 
 
@@ -209,7 +209,7 @@ def landmark_filter(
     means, covs = np.empty((steps, 3)), np.empty((steps, 3, 3))
     for k in range(steps):
         control = controls[k]
-        in_pose, in_control = robot_slopes(mean, control, dt)
+        in_pose, in_control = robot_jacobians(mean, control, dt)
         added = in_control @ control_cov @ in_control.T
         if linearised:
             mean, cov = robot_motion(mean, control, dt), in_pose @ cov @ in_pose.T + added
@@ -219,9 +219,9 @@ def landmark_filter(
         mean[2] = wrapped(mean[2])
         for reading, landmark in readings[k]:
             if linearised:
-                slope = landmark_slope(mean, landmark)
-                expected, cross = landmark_reading(mean, landmark), cov @ slope.T
-                spread = slope @ cross
+                jacobian = landmark_jacobian(mean, landmark)
+                expected, cross = landmark_reading(mean, landmark), cov @ jacobian.T
+                spread = jacobian @ cross
             else:
                 expected, spread, cross = unscented(lambda x: landmark_reading(x, landmark), mean, cov, (1,))  # noqa: B023
             innovation = reading - expected

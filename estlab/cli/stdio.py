@@ -33,7 +33,7 @@ class Guarded(io.RawIOBase):
         return self.failure is None and os.isatty(self._descriptor)
 
 
-class Streams:
+class StandardStreams:
     """The process's standard streams, guarded where they are its own and not put there by somebody else, as a test."""
 
     def __init__(self) -> None:

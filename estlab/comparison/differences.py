@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 
-from estlab.comparison.rows import Metric, Row, short
+from estlab.comparison.rows import ComparisonRow, Metric, short
 
 _NAMED = 4
 
 
-def unlike(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[str]:
+def unlike(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list[str]:
     """One line each where what makes rows comparable differs: from scenario, data and seed to units."""
     found = [_line("scenario", [row.run.scenario for row in rows])]
     if len({row.run.scenario for row in rows}) == 1:
@@ -25,7 +25,7 @@ def unlike(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[str]:
     return [line for line in found if line]
 
 
-def _settings(rows: Sequence[Row], prefixes: tuple[str, ...]) -> list[str]:
+def _settings(rows: Sequence[ComparisonRow], prefixes: tuple[str, ...]) -> list[str]:
     """Of each row, the values of those keys with these beginnings that are not the same everywhere."""
     keys = dict.fromkeys(key for row in rows for key in row.settings if key.startswith(prefixes))
     said = {key: [short(row.settings.get(key, "none")) for row in rows] for key in keys}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estlab import rundir
-from estlab.comparison.rows import Row, same, short
+from estlab.comparison.rows import ComparisonRow, same, short
 from estlab.errors import UserError
 from estlab.maths.space import Array, Space
 from estlab.metrics.intervals import Estimate, holm, judged_at, widened
@@ -44,7 +44,9 @@ class Pair:
     differences: Mapping[str, Difference]
 
 
-def pairs(rows: Sequence[Row], against: Row, components: Sequence[str]) -> tuple[dict[str, Pair], list[str]]:
+def pairs(
+    rows: Sequence[ComparisonRow], against: ComparisonRow, components: Sequence[str]
+) -> tuple[dict[str, Pair], list[str]]:
     """Each other row by its label, against one, and what could not be read.
 
     p-values are adjusted for the number of rows (Holm), intervals as each is judged.
@@ -68,7 +70,7 @@ def pairs(rows: Sequence[Row], against: Row, components: Sequence[str]) -> tuple
     return found, unread
 
 
-def what_differs(a: Row, b: Row) -> list[str]:
+def what_differs(a: ComparisonRow, b: ComparisonRow) -> list[str]:
     """What decides on truth and readings and is not the same in both, as it is said."""
     found = []
     if a.run.scenario != b.run.scenario:
@@ -95,7 +97,9 @@ def _each_run(run: Finished) -> "DataFrame":
     return found.drop_duplicates(["filter", "run"]).set_index(["filter", "run"])
 
 
-def _pair(row: Row, against: Row, components: Sequence[str], tables: "Mapping[Path, DataFrame]") -> Pair:
+def _pair(
+    row: ComparisonRow, against: ComparisonRow, components: Sequence[str], tables: "Mapping[Path, DataFrame]"
+) -> Pair:
     for one in (row, against):
         if one.run.path not in tables or one.filter not in tables[one.run.path].index.get_level_values("filter"):
             return Pair(f"no {rundir.RUNS} for {one.label}", {})
@@ -136,11 +140,11 @@ def _differences(units: Mapping[str, str], squares: Sequence[Array], repeated: b
     return found
 
 
-def _data(row: Row) -> list[str]:
+def _data(row: ComparisonRow) -> list[str]:
     return sorted(row.run.data.values())
 
 
-def _versions(row: Row) -> str:
+def _versions(row: ComparisonRow) -> str:
     packages = row.run.facts.get("packages")
     numpy = packages.get("numpy") if isinstance(packages, Mapping) else None
     return f"estlab {row.run.facts.get('estlab')} with numpy {numpy}"

@@ -37,7 +37,7 @@ class Figure(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """A filter of a run. label: what tells it from the other rows. settings: dotted keys and values of its figures."""
 
     run: Finished
@@ -48,7 +48,7 @@ class Row:
     label: str = ""
 
 
-def rows_of(run: Finished) -> list[Row]:
+def rows_of(run: Finished) -> list[ComparisonRow]:
     """A row for each set of estimates in a run's metrics.csv.
 
     Raises UserError, naming the file, for one that cannot be used.
@@ -67,11 +67,11 @@ def rows_of(run: Finished) -> list[Row]:
             else:
                 count = int(n) if 0 <= n < 1e15 else 0
                 figures[metric, component] = Figure(Estimate(value, low, high, count), unit)
-        found.append(Row(run, str(name), figures, verdict, _settings(run, str(name))))
+        found.append(ComparisonRow(run, str(name), figures, verdict, _settings(run, str(name))))
     return found
 
 
-def labelled(rows: Sequence[Row]) -> list[Row]:
+def labelled(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
     """The rows with labels: scenario if it is not the same for all, filter, each key whose value is not that of most
     rows, and the directory where these are the same."""
     several = len({row.run.scenario for row in rows}) > 1
@@ -114,12 +114,12 @@ def _settings(run: Finished, filter: str) -> dict[str, Any]:
     return dict(flat(kept)) | dict(flat({"filter": of_filter}))
 
 
-def _differing(rows: Sequence[Row]) -> list[list[str]]:
+def _differing(rows: Sequence[ComparisonRow]) -> list[list[str]]:
     """Each row's keys whose values more than half of the rows that are alike, of a scenario, of a filter, or all, do
     not share."""
     usual: dict[tuple[str, str], dict[str, str | None]] = {}
     for of, keys in (("scenario", ("scenario.",)), ("filter", ("filter.",)), ("", ("",))):
-        groups: dict[str, list[Row]] = {}
+        groups: dict[str, list[ComparisonRow]] = {}
         for row in rows:
             groups.setdefault(_group(row, of), []).append(row)
         for name, alike in groups.items():
@@ -134,7 +134,7 @@ def _differing(rows: Sequence[Row]) -> list[list[str]]:
     ]
 
 
-def _usual(rows: Sequence[Row], beginnings: tuple[str, ...]) -> dict[str, str | None]:
+def _usual(rows: Sequence[ComparisonRow], beginnings: tuple[str, ...]) -> dict[str, str | None]:
     """Of each key, the value that more than half of those who have it share; None if there is none."""
     values: dict[str, Counter[str]] = {}
     for row in rows:
@@ -156,7 +156,7 @@ def _kind(key: str) -> str:
     return group if group in ("scenario", "filter") else ""
 
 
-def _group(row: Row, kind: str) -> str:
+def _group(row: ComparisonRow, kind: str) -> str:
     return {"scenario": row.run.scenario, "filter": row.filter}.get(kind, "")
 
 
@@ -165,7 +165,7 @@ def same(a: object, b: object) -> bool:
     return _written(a) == _written(b)
 
 
-def _place(row: Row, rows: Sequence[Row]) -> str:
+def _place(row: ComparisonRow, rows: Sequence[ComparisonRow]) -> str:
     """A run directory's name, with its folder's if another has the same."""
     names = {other.run.path.resolve() for other in rows if other.run.path.resolve().name == row.run.path.resolve().name}
     path = row.run.path.resolve()

@@ -9,7 +9,7 @@ from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Expressions, Symbol
 from estlab.compiled.trace import Tracer, UntraceableError
 
-Slopes = dict[int, Any]  # by the number of the variable; what is not there is zero
+Gradient = dict[int, Any]  # by the number of the variable; what is not there is zero
 
 
 class Traced:
@@ -25,7 +25,7 @@ class Traced:
             for k, count in enumerate(sizes)
         ]
         self.values = self._tracer.call(function, *self._given, shape=(size,))
-        self._slopes: dict[tuple[int, ...], Any] = {}
+        self._jacobians: dict[tuple[int, ...], Any] = {}
 
     @property
     def graph(self) -> Expressions:
@@ -34,10 +34,10 @@ class Traced:
 
     def jacobian(self, vectors: tuple[int, ...]) -> Matrix:
         """Rows of the derivatives of each value in the components of these vectors."""
-        if vectors not in self._slopes:
+        if vectors not in self._jacobians:
             variables = [symbol.number for k in vectors for symbol in self._given[k]]
-            self._slopes[vectors] = derived(self._tracer.graph, self.values, variables)
-        return self._slopes[vectors]
+            self._jacobians[vectors] = derived(self._tracer.graph, self.values, variables)
+        return self._jacobians[vectors]
 
     def hessians(self, vectors: tuple[int, ...]) -> list[Matrix]:
         """For each value, rows of its second derivatives in the components of these vectors."""
@@ -101,37 +101,42 @@ def _known(entry: Any) -> Any:
 def derived(graph: Expressions, values: Sequence[Any], variables: Sequence[int]) -> Matrix:
     """Rows of the derivatives of the values in the variables; 0.0 where there is none."""
     outputs = [value.number for value in values if isinstance(value, Symbol)]
-    slopes: dict[int, Slopes] = {number: {j: Symbol(graph, graph.constant(1.0))} for j, number in enumerate(variables)}
+    gradients: dict[int, Gradient] = {
+        number: {j: Symbol(graph, graph.constant(1.0))} for j, number in enumerate(variables)
+    }
     for number in graph.needed(outputs):
-        if number in slopes:
+        if number in gradients:
             continue
         given = graph.arguments(number)
-        if any(slopes.get(a) for a in given) and not graph.is_boolean(number):
-            slopes[number] = _chain(graph, number, given, slopes)
+        if any(gradients.get(a) for a in given) and not graph.is_boolean(number):
+            gradients[number] = _chain(graph, number, given, gradients)
     return [
-        [slopes.get(value.number, {}).get(j, 0.0) if isinstance(value, Symbol) else 0.0 for j in range(len(variables))]
+        [
+            gradients.get(value.number, {}).get(j, 0.0) if isinstance(value, Symbol) else 0.0
+            for j in range(len(variables))
+        ]
         for value in values
     ]
 
 
-def _chain(graph: Expressions, number: int, given: tuple[int, ...], slopes: dict[int, Slopes]) -> Slopes:
-    """The slopes of a node from those of what it is made of."""
+def _chain(graph: Expressions, number: int, given: tuple[int, ...], gradients: dict[int, Gradient]) -> Gradient:
+    """The gradient of a node from those of what it is made of."""
     name = str(graph.nodes[number][0])
     parts = [Symbol(graph, a) for a in given]
     if name in ("select", "min", "max"):
         # That of the one taken; NumPy takes the first of two equal ones no more than the second, and neither is wrong.
         condition = parts[0] if name == "select" else parts[0] < parts[1] if name == "min" else parts[0] > parts[1]
-        yes, no = (slopes.get(a, {}) for a in given[-2:])
+        yes, no = (gradients.get(a, {}) for a in given[-2:])
         return {j: _either(graph, condition, yes.get(j, 0.0), no.get(j, 0.0)) for j in {*yes, *no}}
     rule = RULES.get(name)
     if rule is None:
         raise UntraceableError(f"there is no derivative of {name}")
     factors = rule(Symbol(graph, number), *parts)
-    found: Slopes = {}
+    found: Gradient = {}
     for a, factor in zip(given, factors, strict=True):
-        for j, slope in slopes.get(a, {}).items():
-            found[j] = plus(found.get(j, 0.0), times(_entry(factor), slope))
-    return {j: slope for j, slope in found.items() if not is_zero(slope)}
+        for j, derivative in gradients.get(a, {}).items():
+            found[j] = plus(found.get(j, 0.0), times(_entry(factor), derivative))
+    return {j: derivative for j, derivative in found.items() if not is_zero(derivative)}
 
 
 def _entry(factor: Any) -> Any:
@@ -148,9 +153,9 @@ def _of(symbol: Symbol, name: str) -> Symbol:
     return Symbol(symbol.graph, operation(symbol.graph, name, symbol.number))
 
 
-def _off_zero(length: Symbol, slope: Symbol) -> Symbol:
-    """A slope; 0 where a root is 0, as of a distance at its least, where none is right and 0 lies between all."""
-    return _either(length.graph, length == 0.0, 0.0, slope)
+def _off_zero(length: Symbol, derivative: Symbol) -> Symbol:
+    """A derivative; 0 where a root is 0, as of a distance at its least, where none is right and 0 lies between all."""
+    return _either(length.graph, length == 0.0, 0.0, derivative)
 
 
 def _angle(value: Symbol, y: Symbol, x: Symbol) -> tuple[Any, Any]:
@@ -176,7 +181,7 @@ def _remaining(value: Symbol, a: Symbol, b: Symbol) -> tuple[Any, Any]:
     return 1.0, -_of(a / b, "floor")
 
 
-# What each argument's slope is multiplied by.
+# What each argument's derivative is multiplied by.
 RULES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "add": lambda f, a, b: (1.0, 1.0),
     "sub": lambda f, a, b: (1.0, -1.0),

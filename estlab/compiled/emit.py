@@ -20,9 +20,10 @@ _INTRINSICS = {"sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
 class Access(NamedTuple):
     """How a leaf or an output of this name lies in memory: its entry ``index`` at pointer + index * stride numbers.
 
-    kind: "lanes", one run beside the other; "one", the same for all (of an output, that of the first lane); "value", the parameter itself; "place", at the
-    pointer + index * stride + the number that stands for each lane in %target, whose next row, %value_stride further,
-    is for the next ``columns`` indices; "same_place" likewise, by the number that stands for the first lane.
+    kind: "lanes", one run beside the other; "one", the same for all (an output is that of the first lane); "value", the
+    parameter itself; "landmark", at the pointer + index * stride + the number that each lane has in %landmark_number,
+    whose next row, %value_stride further, is for the next ``columns`` indices; "same_landmark" likewise, by the number
+    that stands for the first lane.
     """
 
     kind: str
@@ -96,8 +97,8 @@ def _parameters(access: dict[str, Access]) -> Iterator[tuple[str, str]]:
     strides: list[str] = []
     for name, how in access.items():
         yield ("double" if how.kind == "value" else "ptr"), f"%{name}"
-        if how.kind.endswith("place"):
-            yield "ptr", "%target"
+        if how.kind.endswith("landmark"):
+            yield "ptr", "%landmark_number"
         if how.stride.startswith("%") and how.stride not in strides:
             strides.append(how.stride)
     for stride in strides:
@@ -115,14 +116,14 @@ def _leaf(found: str, name: str, index: int, how: Access, t: Types) -> list[str]
     if how.kind == "value":
         return _spread(found, f"%{name}", t)
     pointer = f"{found}_p"
-    lines = _pointer(pointer, name, index % how.columns if how.kind.endswith("place") else index, how)
+    lines = _pointer(pointer, name, index % how.columns if how.kind.endswith("landmark") else index, how)
     if how.kind == "lanes":
         return [*lines, f"{found} = load {t.d}, ptr {pointer}, align 8"]
     if how.kind == "one":
         return [*lines, f"{found}_s = load double, ptr {pointer}, align 8", *_spread(found, f"{found}_s", t)]
     lines.append(f"{found}_r = mul i64 %value_stride, {index // how.columns}")
-    lines.append(f"{found}_w = getelementptr i64, ptr %target, i64 {found}_r")
-    if how.kind == "same_place":
+    lines.append(f"{found}_w = getelementptr i64, ptr %landmark_number, i64 {found}_r")
+    if how.kind == "same_landmark":
         return [
             *lines,
             f"{found}_t = load i64, ptr {found}_w, align 8",

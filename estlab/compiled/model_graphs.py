@@ -45,8 +45,8 @@ class MotionModel:
     move: Model
     noises: int
     controls: int
-    jacobians: Model | None
-    hessians: Model | None
+    stated_jacobians: Model | None
+    stated_hessians: Model | None
 
     def value(self, tracer: Tracer, state: Row, control: Row, noise: Row | None, dt: Any) -> Row:
         """The state after; no noise is -0, which added to a number leaves it as it is."""
@@ -54,13 +54,13 @@ class MotionModel:
         found: Row = tracer.call(self.move, state, control, given, dt, shape=(self.space.size,))
         return found
 
-    def slopes(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> tuple[Matrix, Matrix]:
+    def jacobians(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> tuple[Matrix, Matrix]:
         """Rows of the derivatives in state and noise: stated, or found where what is stated cannot be traced."""
-        if self.jacobians is not None:
-            jacobians, n, q = self.jacobians, self.space.size, self.noises
+        if self.stated_jacobians is not None:
+            stated, n, q = self.stated_jacobians, self.space.size, self.noises
             try:
                 joined = tracer.call(
-                    lambda *given: _side_by_side(jacobians(*given), n), state, control, dt, shape=(n, n + q)
+                    lambda *given: _side_by_side(stated(*given), n), state, control, dt, shape=(n, n + q)
                 )
             except UntraceableError:
                 pass
@@ -70,17 +70,17 @@ class MotionModel:
         in_state = self._traced.at(tracer, self._traced.jacobian((0,)), *given)
         return in_state, self._traced.at(tracer, self._traced.jacobian((2,)), *given)
 
-    def curvatures(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
+    def hessians(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
         """For each component, rows of its second derivatives in the state."""
         n = self.space.size
-        if self.hessians is not None:
+        if self.stated_hessians is not None:
             try:
-                return list(tracer.call(self.hessians, state, control, dt, shape=(n, n, n)))
+                return list(tracer.call(self.stated_hessians, state, control, dt, shape=(n, n, n)))
             except UntraceableError:
                 pass
         return list(self._traced.at(tracer, self._traced.hessians((0,)), state, control, self._silent, dt))
 
-    def joint_curvatures(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
+    def joint_hessians(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> list[Matrix]:
         """For each component, rows of its second derivatives in state and noise."""
         return list(self._traced.at(tracer, self._traced.hessians((0, 2)), state, control, self._silent, dt))
 
@@ -100,17 +100,17 @@ def _side_by_side(pair: Any, n: int) -> Any:
 
 @dataclass(frozen=True)
 class SensorModel:
-    """estlab.models.contract.Sensor, by its parts, giving ``count`` readings about as many places at once.
+    """estlab.models.contract.Sensor, by its parts, giving ``count`` readings about as many landmarks at once.
 
-    coordinates: how many components a place has. single: the space of one reading.
+    coordinates: how many components a landmark has. single: the space of one reading.
     """
 
     single: Space
     state: Space
     measure: Model
     coordinates: int
-    slope: Model | None
-    hessians: Model | None
+    stated_jacobian: Model | None
+    stated_hessians: Model | None
     count: int = 1
 
     @property
@@ -118,35 +118,37 @@ class SensorModel:
         """Of all readings together."""
         return self.single if self.count == 1 else self.single.repeat(self.count)
 
-    def value(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> Row:
+    def value(self, tracer: Tracer, state: Row, landmarks: Sequence[Row]) -> Row:
         """The readings without noise."""
         shape = (self.single.size,)
-        return [part for place in places for part in tracer.call(self.measure, state, place, shape=shape)]
+        return [part for landmark in landmarks for part in tracer.call(self.measure, state, landmark, shape=shape)]
 
-    def slopes(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> Matrix:
+    def jacobian(self, tracer: Tracer, state: Row, landmarks: Sequence[Row]) -> Matrix:
         """Rows of the derivatives in the state."""
-        return [row for place in places for row in self._slopes(tracer, state, place)]
+        return [row for landmark in landmarks for row in self._jacobian(tracer, state, landmark)]
 
-    def _slopes(self, tracer: Tracer, state: Row, place: Row) -> Matrix:
-        if self.slope is not None:
+    def _jacobian(self, tracer: Tracer, state: Row, landmark: Row) -> Matrix:
+        if self.stated_jacobian is not None:
             try:
-                return list(tracer.call(self.slope, state, place, shape=(self.single.size, self.state.size)))
+                return list(
+                    tracer.call(self.stated_jacobian, state, landmark, shape=(self.single.size, self.state.size))
+                )
             except UntraceableError:
                 pass
-        return list(self._traced.at(tracer, self._traced.jacobian((0,)), state, place))
+        return list(self._traced.at(tracer, self._traced.jacobian((0,)), state, landmark))
 
-    def curvatures(self, tracer: Tracer, state: Row, places: Sequence[Row]) -> list[Matrix]:
+    def hessians(self, tracer: Tracer, state: Row, landmarks: Sequence[Row]) -> list[Matrix]:
         """For each number read, rows of its second derivatives in the state."""
-        return [matrix for place in places for matrix in self._curvatures(tracer, state, place)]
+        return [matrix for landmark in landmarks for matrix in self._hessians(tracer, state, landmark)]
 
-    def _curvatures(self, tracer: Tracer, state: Row, place: Row) -> list[Matrix]:
+    def _hessians(self, tracer: Tracer, state: Row, landmark: Row) -> list[Matrix]:
         n = self.state.size
-        if self.hessians is not None:
+        if self.stated_hessians is not None:
             try:
-                return list(tracer.call(self.hessians, state, place, shape=(self.single.size, n, n)))
+                return list(tracer.call(self.stated_hessians, state, landmark, shape=(self.single.size, n, n)))
             except UntraceableError:
                 pass
-        return list(self._traced.at(tracer, self._traced.hessians((0,)), state, place))
+        return list(self._traced.at(tracer, self._traced.hessians((0,)), state, landmark))
 
     @cached_property
     def _traced(self) -> Traced:

@@ -136,16 +136,16 @@ def deviations(
     return middle, rises
 
 
-def along_tangent(value: Row, slopes: Matrix, cov: Matrix) -> Moments:
-    """Along the tangent at the mean: A P A' and P A'."""
-    carried, spread = sandwich(slopes, cov)
+def linearised(value: Row, jacobians: Matrix, cov: Matrix) -> Moments:
+    """Linearised at the mean, with the Jacobian A: A P A' and P A'."""
+    carried, spread = sandwich(jacobians, cov)
     return Moments(value, spread, transpose(carried, len(cov)))
 
 
-def bent(moments: Moments, curvatures: list[Matrix], cov: Matrix, gaussian: bool) -> Moments:
+def second_order(moments: Moments, hessians: list[Matrix], cov: Matrix, gaussian: bool) -> Moments:
     """The same with second derivatives; see estlab.maths.transforms.SecondOrder."""
     n = len(cov)
-    turned = [matmul(matrix, cov) for matrix in curvatures]
+    turned = [matmul(matrix, cov) for matrix in hessians]
     mean = [
         plus(value, times(0.5, total(part[i][i] for i in range(n))))
         for value, part in zip(moments.mean, turned, strict=True)

@@ -1,4 +1,4 @@
-"""Loops over runs and over the particles of each, around the pieces of a particle filter.
+"""Loops over runs and over the particles of each, around the routines of a particle filter.
 
 A run's particles are gone through eight at a time, whatever the width of vectors. Where their number is no multiple of
 eight, the last ones are copied aside with twins of the last particle, of no weight, and what is found is copied back.
@@ -12,8 +12,8 @@ from estlab.compiled import emit
 from estlab.compiled.emit import Access
 from estlab.compiled.flow import loop, row, when
 from estlab.compiled.functions import Lowered
-from estlab.compiled.particle_pieces import EIGHT
-from estlab.compiled.pieces import Piece
+from estlab.compiled.particle_routines import EIGHT
+from estlab.compiled.routines import Routine
 from estlab.compiled.programs import ATTRIBUTES, MOST_OPERATIONS
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
@@ -37,23 +37,23 @@ Columns = Mapping[str, Column]
 
 
 def over(
-    v: str, piece: Piece, columns: Columns, read: Sequence[str], written: Sequence[str], lanes: int
+    v: str, routine: Routine, columns: Columns, read: Sequence[str], written: Sequence[str], lanes: int
 ) -> list[str]:
-    """A piece for all particles of the run."""
+    """A routine for all particles of the run."""
     access = {name: Access("lanes", f"%{name}_stride") for name in columns} | _ACCESS
-    lines, used = _text(piece, access, lanes)
+    lines, used = _text(routine, access, lanes)
     columns = {name: column for name, column in columns.items() if name in used}
-    places, first = {}, 0
+    landmarks, first = {}, 0
     for name, column in columns.items():
-        places[name], first = first, first + EIGHT * column.rows
+        landmarks[name], first = first, first + EIGHT * column.rows
     aside = {name: column for name, column in columns.items() if not column.padded}
     inward = [
         line for name, column in aside.items() if name in read
-        for line in _copied_in(f"{v}_{name}", column, places[name])
+        for line in _copied_in(f"{v}_{name}", column, landmarks[name])
     ]  # fmt: skip
     outward = [
         line for name, column in aside.items() if name in written
-        for line in _copied_out(f"{v}_{name}", column, places[name])
+        for line in _copied_out(f"{v}_{name}", column, landmarks[name])
     ]  # fmt: skip
     body = [
         f"%{v}_p = mul i64 %{v}, {EIGHT}",
@@ -66,7 +66,7 @@ def over(
         body.append(f"{whole} = getelementptr double, ptr {column.pointer}, i64 %{v}_p")
         if name in aside:
             body += [
-                f"{base}_aside = getelementptr double, ptr %aside, i64 {places[name]}",
+                f"{base}_aside = getelementptr double, ptr %aside, i64 {landmarks[name]}",
                 f"{base}_at = select i1 %{v}_last, ptr {base}_aside, ptr {base}_full",
                 f"{base}_stride = select i1 %{v}_last, i64 {EIGHT}, i64 {column.stride}",
             ]
@@ -88,16 +88,16 @@ def over(
     ]
 
 
-def once(v: str, piece: Piece, lanes: int) -> list[str]:
-    """A piece for the run, its numbers being the same in all lanes."""
-    lines, _ = _text(piece, {name: Access("one") for name in (*_ACCESS, "mean", "cov", "size")} | _FLAG, lanes)
+def once(v: str, routine: Routine, lanes: int) -> list[str]:
+    """A routine for the run, its numbers being the same in all lanes."""
+    lines, _ = _text(routine, {name: Access("one") for name in (*_ACCESS, "mean", "cov", "size")} | _FLAG, lanes)
     return _inlined(lines, f"{v}_", {**_GIVEN, "flag": "%run_flags"})
 
 
 _FLAG = {"flag": Access("lanes", str(EIGHT))}
 # What is the same for all particles of a run, and what is added up over them.
 _ACCESS = {
-    **{name: Access("one") for name in ("control", "factor", "reading", "whitening", "place", "mean", "top",
+    **{name: Access("one") for name in ("control", "factor", "reading", "whitening", "landmark", "mean", "top",
                                         "vanished", "total")},
     **_FLAG,
     "lapse": Access("value"),
@@ -105,7 +105,7 @@ _ACCESS = {
     "present": Access("lanes"),
 }  # fmt: skip
 _GIVEN = {
-    **{name: f"%run_{name}" for name in ("control", "factor", "reading", "whitening", "place", "mean", "cov", "size",
+    **{name: f"%run_{name}" for name in ("control", "factor", "reading", "whitening", "landmark", "mean", "cov", "size",
                                          "vanished")},
     "top": "%pair",
     "total": "%pair",
@@ -114,13 +114,13 @@ _GIVEN = {
 }  # fmt: skip
 
 
-def _text(piece: Piece, access: Mapping[str, Access], lanes: int) -> tuple[list[str], set[str]]:
-    """The lines of a piece, and what they load and store. Where a function is not right, the run is flagged."""
-    graph = piece.tracer.graph
-    nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in piece.outputs]
+def _text(routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[list[str], set[str]]:
+    """The lines of a routine, and what they load and store. Where a function is not right, the run is flagged."""
+    graph = routine.tracer.graph
+    nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in routine.outputs]
     lowered = Lowered(graph, nodes)
     arithmetic = lowered.graph
-    outputs = [(name, index, node) for (name, index, _), node in zip(piece.outputs, lowered.outputs, strict=True)]
+    outputs = [(name, index, node) for (name, index, _), node in zip(routine.outputs, lowered.outputs, strict=True)]
     if arithmetic.nodes[lowered.beyond][0] != "false":
         flag = operation(
             arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), arithmetic.leaf("flag", 0)
@@ -134,7 +134,7 @@ def _text(piece: Piece, access: Mapping[str, Access], lanes: int) -> tuple[list[
     used = {str(arithmetic.nodes[number][1]) for number in order if arithmetic.nodes[number][0] == "leaf"}
     used |= {name for name, _, _ in outputs}
     own = {name: how for name, how in access.items() if name in used}
-    return emit.function("piece", arithmetic, outputs, own, lanes)[1:-2], used
+    return emit.function("routine", arithmetic, outputs, own, lanes)[1:-2], used
 
 
 def _inlined(lines: Sequence[str], prefix: str, given: Mapping[str, str]) -> list[str]:

@@ -1,11 +1,11 @@
 """The programs of a particle filter: its particles drawn and moved, weighed, summed, chosen."""
 
-from estlab.compiled import numpy_streams, particle_pieces
+from estlab.compiled import numpy_streams, particle_routines
 from estlab.compiled.flow import loop, row, when
 from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.particle_choice import choose, resample
 from estlab.compiled.particle_loops import Column, each_run, of_run, once, over, program, zeros
-from estlab.compiled.particle_pieces import Entries
+from estlab.compiled.particle_routines import Entries
 from estlab.maths.space import Space
 
 # What each program is given, in this order, as 64 bits each: addresses, and numbers (in capitals). A name with _NEXT is
@@ -20,7 +20,7 @@ MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_S
           "gathered")  # fmt: skip
 NORMALISING = (*COMMON, "log", "linear", "size", "vanished", "pair")
 WEIGHING = (*NORMALISING, "NORMALISED", "point", "CLOUD_STRIDE", "log_before", "weight", "reading", "whitening",
-            "WHITENING_NEXT", "place", "PLACE_NEXT", "expected", "EXPECTED_STRIDE", "mean", "cov")  # fmt: skip
+            "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected", "EXPECTED_STRIDE", "mean", "cov")  # fmt: skip
 SUMMING = (*COMMON, "vector", "CLOUD_STRIDE", "weight", "mean", "cov")
 
 _LESS_THAN_ALL = "0xFFF0000000000000"
@@ -55,7 +55,7 @@ def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
             f"%normals = mul i64 %COUNT, {q}",
             "call void @normals(ptr %run_state, ptr %run_z, i64 %normals, ptr %layers)",
         ]),
-        *over("m", particle_pieces.move(motion, factor), columns, ("before", "z"), ("after",), lanes),
+        *over("m", particle_routines.move(motion, factor), columns, ("before", "z"), ("after",), lanes),
     ]  # fmt: skip
     return program(MOVING, each_run(body), lanes, numpy_streams.text(lanes))
 
@@ -78,16 +78,16 @@ def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
         *of_run("log", "%COUNT"),
         *of_run("reading", str(m)),
         *of_run("whitening", "%WHITENING_NEXT"),
-        *of_run("place", "%PLACE_NEXT"),
+        *of_run("landmark", "%LANDMARK_NEXT"),
         *of_run("mean", str(m)),
         *of_run("cov", str(m * m)),
         *zeros("a", m + len(space.angles)),
-        *over("b", particle_pieces.look(sensor, whitening), columns, ("point", "log_before", "weight"),
+        *over("b", particle_routines.look(sensor, whitening), columns, ("point", "log_before", "weight"),
               ("log",), lanes),
-        *once("c", particle_pieces.mean(space), lanes),
+        *once("c", particle_routines.mean(space), lanes),
         *zeros("d", m * (m + 1) // 2),
-        *over("e", particle_pieces.spread(space), columns, ("weight",), (), lanes),
-        *once("f", particle_pieces.covariance(space), lanes),
+        *over("e", particle_routines.spread(space), columns, ("weight",), (), lanes),
+        *once("f", particle_routines.covariance(space), lanes),
         "%normalised = icmp ne i64 %NORMALISED, 0",
         *when("normalising", "%normalised", _normalise(lanes)),
     ]  # fmt: skip
@@ -107,12 +107,12 @@ def _normalise(lanes: int) -> list[str]:
         *of_run("size", "1"),
         *of_run("vanished", "1"),
         *zeros("g", 1, _LESS_THAN_ALL),
-        *over("h", particle_pieces.peak(), columns, ("log",), (), lanes),
-        *once("i", particle_pieces.top(), lanes),
+        *over("h", particle_routines.peak(), columns, ("log",), (), lanes),
+        *once("i", particle_routines.top(), lanes),
         *zeros("j", 2),
-        *over("k", particle_pieces.exponential(), columns, ("log",), both, lanes),
-        *once("l", particle_pieces.normaliser(), lanes),
-        *over("n", particle_pieces.share(), columns, both, both, lanes),
+        *over("k", particle_routines.exponential(), columns, ("log",), both, lanes),
+        *once("l", particle_routines.normaliser(), lanes),
+        *over("n", particle_routines.share(), columns, both, both, lanes),
     ]
 
 
@@ -129,11 +129,11 @@ def summing(space: Space, lanes: int) -> str:
         *of_run("mean", str(n)),
         *of_run("cov", str(n * n)),
         *zeros("a", n + len(space.angles)),
-        *over("b", particle_pieces.mean_sums(space), columns, ("vector", "weight"), (), lanes),
-        *once("c", particle_pieces.mean(space), lanes),
+        *over("b", particle_routines.mean_sums(space), columns, ("vector", "weight"), (), lanes),
+        *once("c", particle_routines.mean(space), lanes),
         *zeros("d", n * (n + 1) // 2),
-        *over("e", particle_pieces.spread(space), columns, ("vector", "weight"), (), lanes),
-        *once("f", particle_pieces.covariance(space), lanes),
+        *over("e", particle_routines.spread(space), columns, ("vector", "weight"), (), lanes),
+        *once("f", particle_routines.covariance(space), lanes),
     ]
     return program(SUMMING, each_run(body), lanes)
 

@@ -5,17 +5,19 @@ from typing import Any
 
 from estlab.compiled.algebra import Matrix, Row, added, block_diagonal, plus, sandwich
 from estlab.compiled.model_graphs import wrapped
-from estlab.compiled.moment_matching import Moments, along_tangent, bent, by_points, factored
-from estlab.compiled.pieces import Piece, Steps
+from estlab.compiled.moment_matching import Moments, by_points, factored, linearised, second_order
+from estlab.compiled.routines import Routine, Steps
 
 
-def predicted_state(steps: Steps, piece: Piece, mean: Row, cov: Matrix, control: Row, dt: Any, crossed: int) -> Moments:
+def predicted_state(
+    steps: Steps, routine: Routine, mean: Row, cov: Matrix, control: Row, dt: Any, crossed: int
+) -> Moments:
     """The motion's moments, noise included, with the cross-covariance of this many components before."""
-    motion, method, tracer = steps.motion, steps.method, piece.tracer
+    motion, method, tracer = steps.motion, steps.method, routine.tracer
     n, noise = steps.n, steps.process_noise(tracer)
     if method.transform == "points":
         points = steps.points(tracer, "motion", method.motion)
-        factor = factored(cov, piece.failed)
+        factor = factored(cov, routine.failed)
         if method.augmented:
             joint = block_diagonal(factor, noise)
 
@@ -26,22 +28,22 @@ def predicted_state(steps: Steps, piece: Piece, mean: Row, cov: Matrix, control:
         moments = by_points(points, lambda at: motion.value(tracer, at, control, None, dt), list, mean, factor, crossed)
     else:
         value = motion.value(tracer, mean, control, None, dt)
-        moments = along_tangent(value, motion.slopes(tracer, mean, control, dt)[0], cov)
-        if method.transform != "tangent":
+        moments = linearised(value, motion.jacobians(tracer, mean, control, dt)[0], cov)
+        if method.transform != "linearised":
             if method.augmented:
-                curvatures, joint = motion.joint_curvatures(tracer, mean, control, dt), block_diagonal(cov, noise)
+                hessians, joint = motion.joint_hessians(tracer, mean, control, dt), block_diagonal(cov, noise)
             else:
-                curvatures, joint = motion.curvatures(tracer, mean, control, dt), cov
-            moments = bent(moments, curvatures, joint, method.transform == "gaussian")
+                hessians, joint = motion.hessians(tracer, mean, control, dt), cov
+            moments = second_order(moments, hessians, joint, method.transform == "gaussian")
     if not motion.noises:
         return moments
-    _, in_noise = motion.slopes(tracer, mean, control, dt)
+    _, in_noise = motion.jacobians(tracer, mean, control, dt)
     return moments._replace(cov=added(moments.cov, sandwich(in_noise, noise)[1]))
 
 
-def predicted_reading(steps: Steps, piece: Piece, mean: Row, cov: Matrix, places: Sequence[Row]) -> Moments:
+def predicted_reading(steps: Steps, routine: Routine, mean: Row, cov: Matrix, landmarks: Sequence[Row]) -> Moments:
     """The reading's moments, noise included, and its cross-covariance with the state."""
-    sensor, method, tracer = steps.sensor, steps.method, piece.tracer
+    sensor, method, tracer = steps.sensor, steps.method, routine.tracer
     n, m = steps.n, sensor.space.size
 
     def back(values: Row) -> Row:
@@ -49,19 +51,19 @@ def predicted_reading(steps: Steps, piece: Piece, mean: Row, cov: Matrix, places
 
     if method.transform == "points":
         points = steps.points(tracer, "sensor", method.sensor)
-        factor = factored(cov, piece.failed)
+        factor = factored(cov, routine.failed)
         if method.augmented:
 
             def noisy(at: Row) -> Row:
-                return [plus(value, at[n + i]) for i, value in enumerate(sensor.value(tracer, at[:n], places))]
+                return [plus(value, at[n + i]) for i, value in enumerate(sensor.value(tracer, at[:n], landmarks))]
 
             joint = block_diagonal(factor, steps.reading_noise(tracer, factor=True))
             return by_points(points, noisy, back, [*mean, *[0.0] * m], joint, n)
-        moments = by_points(points, lambda at: sensor.value(tracer, at, places), back, mean, factor, n)
+        moments = by_points(points, lambda at: sensor.value(tracer, at, landmarks), back, mean, factor, n)
     else:
-        value = sensor.value(tracer, mean, places)
-        moments = along_tangent(value, sensor.slopes(tracer, mean, places), cov)
+        value = sensor.value(tracer, mean, landmarks)
+        moments = linearised(value, sensor.jacobian(tracer, mean, landmarks), cov)
         if method.transform in ("gaussian", "modified"):
-            curvatures = sensor.curvatures(tracer, mean, places)
-            moments = bent(moments, curvatures, cov, method.transform == "gaussian")
+            hessians = sensor.hessians(tracer, mean, landmarks)
+            moments = second_order(moments, hessians, cov, method.transform == "gaussian")
     return moments._replace(cov=added(moments.cov, steps.reading_noise(tracer, factor=False)))

@@ -1,4 +1,4 @@
-"""Whole programs: loops over groups of runs, steps and readings around the pieces of a filter.
+"""Whole programs: loops over groups of runs, steps and readings around the routines of a filter.
 
 A group of runs goes through one step before the next, so that its beliefs stay in the nearest cache and rows of the
 histories are written in stretches. Where the runs do not fill the last vector, it begins earlier and does some runs
@@ -11,7 +11,7 @@ from estlab.compiled import emit
 from estlab.compiled.emit import Access
 from estlab.compiled.flow import filled, loop, row, when
 from estlab.compiled.functions import Lowered
-from estlab.compiled.pieces import Piece, slots
+from estlab.compiled.routines import Routine, slots
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
@@ -22,17 +22,19 @@ ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-
 # What a program is given, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
     "runs", "first", "last", "steps", "readings", "controls", "noises",  # columns of the last two: runs, or 1
-    "parameter", "lapse", "control", "noise", "which", "noise_rows", "bounds", "value", "target", "place", "places",
-    "pause", "at_rest", "belief", "room", "mean", "cov", "whitened", "log_scale", "gated",
+    "parameter", "lapse", "control", "noise", "which", "noise_rows", "bounds", "value", "landmark_number",
+    "landmark", "landmarks", "pause", "at_rest", "belief", "room", "mean", "cov", "whitened", "log_scale", "gated",
     "smooth_mean", "smooth_cov",
 )  # fmt: skip
 _POINTERS = frozenset(FIELDS) - {
-    "runs", "first", "last", "steps", "readings", "controls", "noises", "noise_rows", "places", "pause"
+    "runs", "first", "last", "steps", "readings", "controls", "noises", "noise_rows", "landmarks", "pause"
 }  # fmt: skip
 
 
-def accesses(lanes: int, each_control: bool, each_noise: bool, each_place: bool, coordinates: int) -> dict[str, Access]:
-    """How all that pieces load and store lies in memory."""
+def accesses(
+    lanes: int, each_control: bool, each_noise: bool, each_landmark: bool, coordinates: int
+) -> dict[str, Access]:
+    """How all that routines load and store lies in memory."""
     return {
         "belief": Access("lanes", str(lanes)),
         "parameter": Access("one"),
@@ -40,7 +42,7 @@ def accesses(lanes: int, each_control: bool, each_noise: bool, each_place: bool,
         "control": Access("lanes" if each_control else "one", "%control_stride"),
         "noise": Access("lanes" if each_noise else "one", "%noise_stride"),
         "value": Access("lanes", "%value_stride"),
-        "place": Access("place" if each_place else "same_place", "%place_stride", max(coordinates, 1)),
+        "landmark": Access("landmark" if each_landmark else "same_landmark", "%landmark_stride", max(coordinates, 1)),
         "mean": Access("lanes", "%history_stride"),
         "cov": Access("lanes", "%history_stride"),
         "whitened": Access("lanes", "%value_stride"),
@@ -51,15 +53,15 @@ def accesses(lanes: int, each_control: bool, each_noise: bool, each_place: bool,
     }
 
 
-def piece_of(name: str, piece: Piece, access: Mapping[str, Access], lanes: int) -> tuple[list[str], int, str]:
-    """A piece as a function, how many nodes it has, and the text of its call with parameters by their names."""
-    graph = piece.tracer.graph
-    nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in piece.outputs]
-    lowered = Lowered(graph, nodes, [symbol.number for symbol in piece.failed])
+def routine_of(name: str, routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[list[str], int, str]:
+    """A routine as a function, how many nodes it has, and the text of its call with parameters by their names."""
+    graph = routine.tracer.graph
+    nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in routine.outputs]
+    lowered = Lowered(graph, nodes, [symbol.number for symbol in routine.failed])
     arithmetic = lowered.graph
-    outputs = [(kind, index, node) for (kind, index, _), node in zip(piece.outputs, lowered.outputs, strict=True)]
+    outputs = [(kind, index, node) for (kind, index, _), node in zip(routine.outputs, lowered.outputs, strict=True)]
     if outputs and arithmetic.nodes[lowered.beyond][0] != "false":
-        slot = slots(piece.n) - 2
+        slot = slots(routine.n) - 2
         known = arithmetic.leaf("belief", slot)
         outputs.append(
             ("belief", slot, operation(arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), known))
@@ -75,9 +77,9 @@ def _call(name: str, own: dict[str, Access]) -> str:
     return f"call void @{name}({emit.parameters(own)})"
 
 
-def filtering(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int, lanes: int) -> str:
-    """The program of a filter: pieces predict, pause (where there is one), update and record."""
-    functions, calls = _functions(pieces, access, lanes)
+def filtering(routines: Mapping[str, Routine], access: Mapping[str, Access], n: int, lanes: int) -> str:
+    """The program of a filter: routines predict, pause (where there is one), update and record."""
+    functions, calls = _functions(routines, access, lanes)
     body = [
         *loop("v0", "%begin", "%end", [*_at("v0", n, lanes), *_moved("v0", n, lanes, "load")]),
         *loop(
@@ -99,9 +101,9 @@ def filtering(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int,
     return _program(functions, body, n, lanes)
 
 
-def smoothing(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int, lanes: int) -> str:
-    """The program of a smoother: pieces smooth and record; from the last step to the first."""
-    functions, calls = _functions(pieces, access, lanes)
+def smoothing(routines: Mapping[str, Routine], access: Mapping[str, Access], n: int, lanes: int) -> str:
+    """The program of a smoother: routines smooth and record; from the last step to the first."""
+    functions, calls = _functions(routines, access, lanes)
     back = [
         "%k1 = sub i64 %last, %kk",
         "%k = sub i64 %k1, 1",
@@ -122,13 +124,13 @@ def smoothing(pieces: Mapping[str, Piece], access: Mapping[str, Access], n: int,
 
 
 def _functions(
-    pieces: Mapping[str, Piece], access: Mapping[str, Access], lanes: int
+    routines: Mapping[str, Routine], access: Mapping[str, Access], lanes: int
 ) -> tuple[list[str], dict[str, str]]:
     lines: list[str] = []
     calls: dict[str, str] = {}
     operations = 0
-    for name, piece in pieces.items():
-        text, count, calls[name] = piece_of(name, piece, access, lanes)
+    for name, routine in routines.items():
+        text, count, calls[name] = routine_of(name, routine, access, lanes)
         lines += text
         operations += count
     if operations > MOST_OPERATIONS:
@@ -153,7 +155,7 @@ def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
         "%value_stride = mul i64 %readings, %runs",
         "%control_stride = mul i64 %steps, %controls",
         "%noise_stride = mul i64 %noise_rows, %noises",
-        "%place_stride = add i64 %places, 0",
+        "%landmark_stride = add i64 %landmarks, 0",
         f"%whole = add i64 %runs, {lanes - 1}",
         f"%vectors = sdiv i64 %whole, {lanes}",
         f"%more = add i64 %vectors, {together - 1}",
@@ -201,7 +203,7 @@ def _moved(v: str, n: int, lanes: int, way: str) -> list[str]:
 def _predicting(
     v: str, k: str, dt: str, call: str, n: int, lanes: int, access: Mapping[str, Access], before: str = "0"
 ) -> list[str]:
-    """A piece that goes over a step, for all vectors of the group."""
+    """A routine that goes over a step, for all vectors of the group."""
     control = f"%{v}_r" if access["control"].kind == "lanes" else "0"
     noise = f"%{v}_r" if access["noise"].kind == "lanes" else "0"
     body = [
@@ -234,12 +236,12 @@ def _reading(calls: Mapping[str, str], n: int, lanes: int, access: Mapping[str, 
     body = [
         *_at("v2", n, lanes),
         *row("v2_value", "value", "%i", "%runs", "%v2_r"),
-        *row("v2_target", "target", "%i", "%runs", "%v2_r", "i64"),
+        *row("v2_number", "landmark_number", "%i", "%runs", "%v2_r", "i64"),
         *row("v2_whitened", "whitened", "%i", "%runs", "%v2_r"),
         *row("v2_log_scale", "log_scale", "%i", "%runs", "%v2_r"),
     ]
     given = {
-        "%belief": "%v2_s", "%value": "%v2_value", "%target": "%v2_target",
+        "%belief": "%v2_s", "%value": "%v2_value", "%landmark_number": "%v2_number",
         "%whitened": "%v2_whitened", "%log_scale": "%v2_log_scale",
     }  # fmt: skip
     if "pause" in calls:

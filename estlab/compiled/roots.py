@@ -20,8 +20,8 @@ from estlab.compiled.algebra import (
 )
 from estlab.compiled.model_graphs import root, wrapped
 from estlab.compiled.moment_matching import Moments, deviations, factored
-from estlab.compiled.pieces import Piece, PointSet, Steps, unless
-from estlab.compiled.updates import either, fit, reading_of, refused, without
+from estlab.compiled.routines import PointSet, Routine, Steps, unless
+from estlab.compiled.updates import either, reading_of, record_innovation, refused, without
 
 
 class Deviations(NamedTuple):
@@ -37,18 +37,18 @@ def lower(matrix: Matrix) -> Matrix:
     return [[entry if j <= i else 0.0 for j, entry in enumerate(row)] for i, row in enumerate(matrix)]
 
 
-def spread(steps: Steps, piece: Piece, name: str, given: PointSet | None, function: Any, wrap: Any, mean: Row,
+def spread(steps: Steps, routine: Routine, name: str, given: PointSet | None, function: Any, wrap: Any, mean: Row,
            factor: Matrix) -> Deviations:  # fmt: skip
     """A belief through a function by points, as columns; the centre's is the last."""
     assert given is not None
-    points = steps.points(piece.tracer, name, given)
+    points = steps.points(routine.tracer, name, given)
     offsets = points.offsets(factor)
     middle, rises = deviations(points, function, wrap, mean, offsets)
     axes, m = len(factor), len(middle)
     weight = 0.5 / given.spread2
-    half = steps.parameters.leaf(piece.tracer, f"{name} root of the weight", math.sqrt(weight))
+    half = steps.parameters.leaf(routine.tracer, f"{name} root of the weight", math.sqrt(weight))
     beyond = max(1.0 - 2.0 * axes * weight + given.bonus, 0.0)
-    centre = steps.parameters.leaf(piece.tracer, f"{name} root of the centre's weight", math.sqrt(beyond))
+    centre = steps.parameters.leaf(routine.tracer, f"{name} root of the centre's weight", math.sqrt(beyond))
     shift = [times(points.weight, total(rise[i] for rise in rises)) for i in range(m)]
     of_value = [
         [*(times(half, minus(rise[i], shift[i])) for rise in rises), minus(0.0, times(centre, shift[i]))]
@@ -59,20 +59,20 @@ def spread(steps: Steps, piece: Piece, name: str, given: PointSet | None, functi
 
 
 def predicted_root(
-    steps: Steps, piece: Piece, mean: Row, matrix: Matrix, control: Row, dt: Any, crossed: int
+    steps: Steps, routine: Routine, mean: Row, matrix: Matrix, control: Row, dt: Any, crossed: int
 ) -> Moments:
     """The mean and the factor (in the place of the covariance) after a prediction."""
-    motion, tracer = steps.motion, piece.tracer
+    motion, tracer = steps.motion, routine.tracer
 
     def move(at: Row) -> Row:
         return motion.value(tracer, at, control, None, dt)
 
-    found = spread(steps, piece, "motion", steps.method.motion, move, list, mean, lower(matrix))
+    found = spread(steps, routine, "motion", steps.method.motion, move, list, mean, lower(matrix))
     columns = found.of_value
     if motion.noises:
-        _, in_noise = motion.slopes(tracer, mean, control, dt)
+        _, in_noise = motion.jacobians(tracer, mean, control, dt)
         columns = beside(columns, matmul(in_noise, steps.process_noise(tracer)))
-    return Moments(found.mean, triangle(columns, piece.failed, root), [])
+    return Moments(found.mean, triangle(columns, routine.failed, root), [])
 
 
 def beside(a: Matrix, b: Matrix) -> Matrix:
@@ -80,45 +80,45 @@ def beside(a: Matrix, b: Matrix) -> Matrix:
     return [[*row, *other] for row, other in zip(a, b, strict=True)]
 
 
-def updated_root(steps: Steps, piece: Piece) -> None:
-    """The belief given the reading, how it fitted, and whether it was refused."""
+def updated_root(steps: Steps, routine: Routine) -> None:
+    """The belief given the reading, its innovation, and whether it was refused."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
-    mean, matrix = piece.belief()
-    reading = reading_of(steps, piece)
+    mean, matrix = routine.belief()
+    reading = reading_of(steps, routine)
     missing = reading.missing
 
     def look(at: Row) -> Row:
-        return sensor.value(piece.tracer, at, reading.places)
+        return sensor.value(routine.tracer, at, reading.landmarks)
 
     def back(values: Row) -> Row:
         return wrapped(sensor.space, values)
 
-    found = spread(steps, piece, "sensor", steps.method.sensor, look, back, mean, lower(matrix))
-    of_value = [[unless(missing[a], piece, entry, 0.0) for entry in found.of_value[a]] for a in range(m)]
-    cov = without(piece, steps.reading_noise(piece.tracer, factor=False), missing)
-    noise = lower(factored(cov, piece.failed))
+    found = spread(steps, routine, "sensor", steps.method.sensor, look, back, mean, lower(matrix))
+    of_value = [[unless(missing[a], routine, entry, 0.0) for entry in found.of_value[a]] for a in range(m)]
+    cov = without(routine, steps.reading_noise(routine.tracer, factor=False), missing)
+    noise = lower(factored(cov, routine.failed))
     innovation = back([minus(reading.values[a], found.mean[a]) for a in range(m)])
-    innovation = [unless(missing[a], piece, innovation[a], 0.0) for a in range(m)]
-    factor = triangle(beside(of_value, noise), piece.failed, root)
+    innovation = [unless(missing[a], routine, innovation[a], 0.0) for a in range(m)]
+    factor = triangle(beside(of_value, noise), routine.failed, root)
     whitened = [row[0] for row in solve_lower(factor, [[entry] for entry in innovation])]
     cross = [[inner(of_value[a], found.of_state[c]) for c in range(n)] for a in range(m)]
     kalman_gain = transpose(solve_lower_transposed(factor, solve_lower(factor, cross)), n)
-    gated = refused(steps, piece, whitened, missing) if steps.method.gated else None
+    gated = refused(steps, routine, whitened, missing) if steps.method.gated else None
     if gated is not None:
-        kalman_gain = [[unless(gated, piece, entry, 0.0) for entry in row] for row in kalman_gain]
+        kalman_gain = [[unless(gated, routine, entry, 0.0) for entry in row] for row in kalman_gain]
     moved = [plus(mean[c], total(times(kalman_gain[c][a], innovation[a]) for a in range(m))) for c in range(n)]
     # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
     less = matmul(kalman_gain, of_value)
     left = [[minus(x, z) for x, z in zip(xs, zs, strict=True)] for xs, zs in zip(found.of_state, less, strict=True)]
-    rest = triangle(beside(left, matmul(kalman_gain, noise)), piece.failed, root)
+    rest = triangle(beside(left, matmul(kalman_gain, noise)), routine.failed, root)
     has = steps.has(reading.values)
     kept = either(None if has is None else ~has, gated)
     after = lower(matrix)
     for i in range(n):
         for j in range(i + 1):
-            after[i][j] = rest[i][j] if kept is None else piece.choose(kept, matrix[i][j], rest[i][j])
-    piece.keep(wrapped(sensor.state, moved), after)
-    fit(steps, piece, reading, whitened, [factor[a][a] for a in range(m)], gated)
+            after[i][j] = rest[i][j] if kept is None else routine.choose(kept, matrix[i][j], rest[i][j])
+    routine.keep(wrapped(sensor.state, moved), after)
+    record_innovation(steps, routine, reading, whitened, [factor[a][a] for a in range(m)], gated)
 
 
 __all__ = ["is_zero", "predicted_root", "updated_root"]

@@ -18,18 +18,18 @@ from estlab.compiled.algebra import (
     transpose,
 )
 from estlab.compiled.model_graphs import wrapped
-from estlab.compiled.moment_matching import Moments, along_tangent, factored
-from estlab.compiled.pieces import Piece, Steps, slots, unless
+from estlab.compiled.moment_matching import Moments, factored, linearised
 from estlab.compiled.predictions import predicted_reading
+from estlab.compiled.routines import Routine, Steps, slots, unless
 from estlab.compiled.symbols import Symbol
 
 
 class Reading(NamedTuple):
-    """What was measured (m numbers), what of it is missing, and the places it is about."""
+    """What was measured (m numbers), what of it is missing, and the landmarks it is about."""
 
     values: Row
     missing: list[Symbol | None]
-    places: list[Row]
+    landmarks: list[Row]
 
 
 class Found(NamedTuple):
@@ -42,66 +42,66 @@ class Found(NamedTuple):
     gated: Symbol | None
 
 
-def reading_of(steps: Steps, piece: Piece) -> Reading:
+def reading_of(steps: Steps, routine: Routine) -> Reading:
     """The reading as it is given: NaN was not measured."""
-    sensor, tracer = steps.sensor, piece.tracer
+    sensor, tracer = steps.sensor, routine.tracer
     values = tracer.leaves("value", sensor.space.size)
-    places = [
-        [tracer.leaf("place", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
+    landmarks = [
+        [tracer.leaf("landmark", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
         for k in range(sensor.count)
     ]
     missing = [value != value if steps.masked else None for value in values]  # which NaN is
-    return Reading(values, missing, places)
+    return Reading(values, missing, landmarks)
 
 
-def updated(steps: Steps, piece: Piece) -> None:
-    """The belief given the reading, how it fitted, and whether it was refused."""
-    mean, cov = piece.belief()
-    reading = reading_of(steps, piece)
-    moments = predicted_reading(steps, piece, mean, cov, reading.places)
-    first = found = condition(steps, piece, mean, cov, moments, reading, steps.method.gated)
+def updated(steps: Steps, routine: Routine) -> None:
+    """The belief given the reading, its innovation, and whether it was refused."""
+    mean, cov = routine.belief()
+    reading = reading_of(steps, routine)
+    moments = predicted_reading(steps, routine, mean, cov, reading.landmarks)
+    first = found = condition(steps, routine, mean, cov, moments, reading, steps.method.gated)
     for _ in range(steps.method.iterations - 1):
-        found = again(steps, piece, mean, cov, found, reading)
+        found = again(steps, routine, mean, cov, found, reading)
         if first.gated is not None:
             # What passed the gate once is not asked again.
-            kept = [piece.choose(first.gated, first.mean[i], found.mean[i]) for i in range(steps.n)]
-            found = found._replace(mean=kept, cov=chosen(piece, first.gated, first.cov, found.cov))
-    piece.keep(found.mean, found.cov)
-    fit(steps, piece, reading, first.whitened, first.scales, first.gated)
+            kept = [routine.choose(first.gated, first.mean[i], found.mean[i]) for i in range(steps.n)]
+            found = found._replace(mean=kept, cov=chosen(routine, first.gated, first.cov, found.cov))
+    routine.keep(found.mean, found.cov)
+    record_innovation(steps, routine, reading, first.whitened, first.scales, first.gated)
 
 
-def chosen(piece: Piece, condition: Symbol, yes: Matrix, no: Matrix) -> Matrix:
+def chosen(routine: Routine, condition: Symbol, yes: Matrix, no: Matrix) -> Matrix:
     """One symmetric matrix or the other."""
-    return symmetric(len(yes), lambda i, j: piece.choose(condition, yes[i][j], no[i][j]))
+    return symmetric(len(yes), lambda i, j: routine.choose(condition, yes[i][j], no[i][j]))
 
 
-def again(steps: Steps, piece: Piece, mean: Row, cov: Matrix, found: Found, reading: Reading) -> Found:
-    """The update once more, the sensor's tangent taken where the last one led."""
-    sensor, tracer = steps.sensor, piece.tracer
+def again(steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: Found, reading: Reading) -> Found:
+    """The update once more, the sensor linearised where the last one led."""
+    sensor, tracer = steps.sensor, routine.tracer
     offset = wrapped(sensor.state, [minus(mean[i], found.mean[i]) for i in range(steps.n)])
-    slopes = sensor.slopes(tracer, found.mean, reading.places)
-    value = sensor.value(tracer, found.mean, reading.places)
-    moved = [plus(value[a], inner(slopes[a], offset)) for a in range(len(value))]
-    moments = along_tangent(moved, slopes, cov)
+    jacobians = sensor.jacobian(tracer, found.mean, reading.landmarks)
+    value = sensor.value(tracer, found.mean, reading.landmarks)
+    moved = [plus(value[a], inner(jacobians[a], offset)) for a in range(len(value))]
+    moments = linearised(moved, jacobians, cov)
     moments = moments._replace(cov=added(moments.cov, steps.reading_noise(tracer, factor=False)))
-    return condition(steps, piece, mean, cov, moments, reading, gate=False)
+    return condition(steps, routine, mean, cov, moments, reading, gate=False)
 
 
 def condition(
-    steps: Steps, piece: Piece, mean: Row, cov: Matrix, moments: Moments, reading: Reading, gate: bool
+    steps: Steps, routine: Routine, mean: Row, cov: Matrix, moments: Moments, reading: Reading, gate: bool
 ) -> Found:
     """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing tells nothing."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
     missing = reading.missing
     innovation = wrapped(sensor.space, [minus(reading.values[a], moments.mean[a]) for a in range(m)])
-    innovation = [unless(missing[a], piece, innovation[a], 0.0) for a in range(m)]
-    cross = [[unless(missing[a], piece, moments.cross[c][a], 0.0) for a in range(m)] for c in range(n)]
-    factor = factored(without(piece, moments.cov, missing), piece.failed)
+    innovation = [unless(missing[a], routine, innovation[a], 0.0) for a in range(m)]
+    cross = [[unless(missing[a], routine, moments.cross[c][a], 0.0) for a in range(m)] for c in range(n)]
+    factor = factored(without(routine, moments.cov, missing), routine.failed)
     both = solve_lower(factor, [[*row, innovation[a]] for a, row in enumerate(transpose(cross, m))])
     half_gain, whitened = [row[:n] for row in both], [row[n] for row in both]
-    gated = refused(steps, piece, whitened, missing) if gate else None
+    gated = refused(steps, routine, whitened, missing) if gate else None
     if gated is not None:
-        half_gain = [[unless(gated, piece, entry, 0.0) for entry in row] for row in half_gain]
+        half_gain = [[unless(gated, routine, entry, 0.0) for entry in row] for row in half_gain]
     moved = [plus(mean[c], total(times(half_gain[a][c], whitened[a]) for a in range(m))) for c in range(n)]
     less = matmul(transpose(half_gain, n), half_gain)
     shrunk = symmetric(n, lambda i, j: minus(cov[i][j], less[i][j]))
@@ -116,37 +116,39 @@ def either(a: Symbol | None, b: Symbol | None) -> Symbol | None:
     return found
 
 
-def without(piece: Piece, cov: Matrix, missing: list[Symbol | None]) -> Matrix:
+def without(routine: Routine, cov: Matrix, missing: list[Symbol | None]) -> Matrix:
     """A covariance in which what is missing is independent and of unit variance."""
 
     def entry(i: int, j: int) -> Any:
-        return unless(missing[i] if i == j else either(missing[i], missing[j]), piece, cov[i][j], float(i == j))
+        return unless(missing[i] if i == j else either(missing[i], missing[j]), routine, cov[i][j], float(i == j))
 
     return symmetric(len(cov), entry)
 
 
-def refused(steps: Steps, piece: Piece, whitened: Row, missing: list[Symbol | None]) -> Symbol:
+def refused(steps: Steps, routine: Routine, whitened: Row, missing: list[Symbol | None]) -> Symbol:
     """Whether the squared length of the innovation lies beyond the gate's quantile for so many numbers."""
     nis = total(entry * entry for entry in whitened)
     limit: Any = math.inf
     if not steps.masked:
-        limit = steps.parameters.leaf(piece.tracer, f"quantile {len(missing)}", steps.quantiles[len(missing)])
+        limit = steps.parameters.leaf(routine.tracer, f"quantile {len(missing)}", steps.quantiles[len(missing)])
         missing = []
-    count = total(unless(absent, piece, 1.0, 0.0) for absent in missing)
+    count = total(unless(absent, routine, 1.0, 0.0) for absent in missing)
     for k in range(1, len(missing) + 1):
-        quantile = steps.parameters.leaf(piece.tracer, f"quantile {k}", steps.quantiles[k])
-        limit = piece.choose(count == float(k), quantile, limit)
+        quantile = steps.parameters.leaf(routine.tracer, f"quantile {k}", steps.quantiles[k])
+        limit = routine.choose(count == float(k), quantile, limit)
     found: Symbol = nis > limit
     return found
 
 
-def fit(steps: Steps, piece: Piece, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None) -> None:
-    """How the reading fitted; NaN where nothing was measured or used."""
+def record_innovation(
+    steps: Steps, routine: Routine, reading: Reading, whitened: Row, scales: Row, gated: Symbol | None
+) -> None:
+    """The whitened innovation; NaN where nothing was measured or used."""
     for a, absent in enumerate(reading.missing):
         unused = either(absent, gated)
-        piece.outputs.append(("whitened", a, unless(unused, piece, whitened[a], math.nan)))
-        piece.outputs.append(("log_scale", a, unless(unused, piece, scales[a].log(), math.nan)))
+        routine.outputs.append(("whitened", a, unless(unused, routine, whitened[a], math.nan)))
+        routine.outputs.append(("log_scale", a, unless(unused, routine, scales[a].log(), math.nan)))
     if gated is not None:
         at = slots(steps.n) - 1
-        count = piece.tracer.leaf("belief", at)
-        piece.outputs.append(("belief", at, count + piece.choose(gated, 1.0, 0.0)))
+        count = routine.tracer.leaf("belief", at)
+        routine.outputs.append(("belief", at, count + routine.choose(gated, 1.0, 0.0)))

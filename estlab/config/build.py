@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal, Union
 
-from estlab.config.groups import Data, Noise, Sweep
+from estlab.config.groups import Data, Noise, SweepSettings
 from estlab.config.targets import check_targets, resolved
 from estlab.errors import PluginError, UserError, plugin_fault
 from estlab.filters.filter import Filter
@@ -55,7 +55,7 @@ class Settings:
     expect: Any  # a nested mapping of names, which estlab.config.expectations knows how to read, or nothing
     expect_files: Any  # the same by the SHA-256 of a file that was read
     objective: str
-    sweep: Sweep
+    sweep: SweepSettings
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.dropped <= 1.0:
@@ -91,12 +91,12 @@ def build(config: Node) -> Settings:
     return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
 
 
-def sweep_settings(config: Node) -> Sweep:
+def sweep_settings(config: Node) -> SweepSettings:
     """The settings of a sweep alone.
 
     Raises UserError like :func:`build`.
     """
-    return typing.cast(Sweep, _Builder({"sweep": config}, ()).construct(Sweep, config, "sweep"))
+    return typing.cast(SweepSettings, _Builder({"sweep": config}, ()).construct(SweepSettings, config, "sweep"))
 
 
 def _plugins(names: Any) -> list[str]:

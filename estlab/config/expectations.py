@@ -20,7 +20,7 @@ from estlab.config.build import nearest
 from estlab.errors import UserError
 from estlab.metrics.verdict import WORDS
 
-Row = Mapping[str, Any]
+_Row = Mapping[str, Any]
 
 VERDICT, TABLE = "verdict", "table"
 
@@ -130,7 +130,7 @@ def parse_sets(sets: Any, filters: Sequence[str]) -> None:
 
 def check(
     expected: Sequence[Expectation],
-    rows: Mapping[str, Sequence[Row]],
+    rows: Mapping[str, Sequence[_Row]],
     table: Mapping[str, Sequence[Any]] | None = None,
 ) -> list[Finding]:
     """Each expectation against the rows of metrics.csv of each filter that it is for, or against the own table."""
@@ -243,7 +243,7 @@ def _bounds(leaf: Any, key: str) -> Bounds:
     return bounds
 
 
-def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[Row]]) -> Finding:
+def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[_Row]]) -> Finding:
     """The expectation against the rows of one filter."""
     what, allowed = expectation.what, expectation.allowed
     found = {row["component"]: row for row in rows[name] if row["metric"] == expectation.metric}
@@ -274,7 +274,7 @@ def _cell(expectation: Expectation, table: Mapping[str, Sequence[Any]]) -> Findi
     return Finding("", what, str(allowed), _shown(value, allowed), allowed.admit(value), value)
 
 
-def _remedy(expectation: Expectation, name: str, found: Mapping[str, Row], rows: Mapping[str, Sequence[Row]]) -> str:
+def _remedy(expectation: Expectation, name: str, found: Mapping[str, _Row], rows: Mapping[str, Sequence[_Row]]) -> str:
     """What to write instead of a metric or a component that a filter does not have."""
     if found:
         if expectation.component is None:

@@ -42,7 +42,7 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepSettings:
     """How the jobs of a sweep are made and run."""
 
     dir: str

@@ -47,7 +47,7 @@ class Recording:
     """One robot's files.
 
     odometry: (N, 3) time [s], v [m/s], w [rad/s]. truth: (N, 4) time, x, y [m], heading [rad]; N = 0 without a file.
-    reading_time: (N,); readings: (2, N) range [m], bearing [rad]; target: (N,) index into landmarks.
+    reading_time: (N,); readings: (2, N) range [m], bearing [rad]; landmark_number: (N,) index into landmarks.
     landmarks: (2, L) [m]; subjects: (L,) their numbers; barcodes: (L,). paths: of the files, by kind.
     """
 
@@ -55,7 +55,7 @@ class Recording:
     truth: Array
     reading_time: Array
     readings: Array
-    target: Array
+    landmark_number: Array
     landmarks: Array
     subjects: Array
     barcodes: Array
@@ -108,7 +108,7 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
         truth=truth,
         reading_time=measurement[kept, 0],
         readings=measurement[kept, 2:].T,
-        target=np.array([index_of[int(s)] for s in subjects[kept]]),
+        landmark_number=np.array([index_of[int(s)] for s in subjects[kept]]),
         landmarks=landmarks[:, 1:3].T,
         subjects=landmarks[:, 0].astype(int),
         barcodes=np.array([code_of.get(int(s), 0) for s in landmarks[:, 0]]),
@@ -120,7 +120,9 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
 def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
     """Write one robot's files; the files written."""
     landmarks = np.column_stack([recording.subjects, recording.landmarks.T, np.zeros((recording.subjects.size, 2))])
-    measurement = np.column_stack([recording.reading_time, recording.barcodes[recording.target], recording.readings.T])
+    measurement = np.column_stack(
+        [recording.reading_time, recording.barcodes[recording.landmark_number], recording.readings.T]
+    )
     tables = {
         "odometry": ("Time [s]    forward velocity [m/s]    angular velocity [rad/s]", recording.odometry),
         "measurement": ("Time [s]    Subject # (its barcode)    range [m]    bearing [rad]", measurement),

@@ -123,7 +123,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     # there is no room for it.
     importlib.import_module("scipy.special")
     directory.keep_sources(settings.plugins)
-    with workers(settings, names) as crew:
+    with workers(settings, names) as pool:
         first = record_of(settings, names, block(settings, 0))
         check_answers(settings, names, first)
         title = _title(names, filters, runs, first.time.size, settings.seed)
@@ -133,8 +133,8 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
             ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
         else:
             with console.progress(f"{names.scenario} {' '.join(filters)}") as progress:
-                ensemble = estimated(settings, names, first, crew, progress)
-    directory.describe(cores=crew.cores)
+                ensemble = estimated(settings, names, first, pool, progress)
+    directory.describe(cores=pool.cores)
     directory.keep_sources(settings.plugins)  # what was imported on the way
     if settings.part is not None:
         if ensemble.failure:
@@ -178,7 +178,7 @@ def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Fi
     held = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, found.own), needed=True) or []
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
-        attempts.write(rundir.EXPECTATIONS, partial(csv_tables.write_columns, expectations.columns(held)))
+        attempts.write(rundir.EXPECTATIONS, partial(csv_tables.write, expectations.columns(held)))
         attempts.show("expectations", lambda: expected.show(expected.HEADINGS, [found.cells() for found in held]))
     return held
 

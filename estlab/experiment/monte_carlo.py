@@ -15,14 +15,16 @@ from estlab.experiment.blocks import block, block_count
 from estlab.filters.engine import CompiledLoop
 from estlab.filters.filter import Filter
 from estlab.filters.loop import Loop
+from estlab.filters.particle import ParticleFilter
+from estlab.filters.particle_engine import ParticleLoop
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws, Streams
+from estlab.maths.streams import Generators, Streams
 from estlab.metrics.each_run import EachRun
 from estlab.metrics.paired import Comparison
 from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
-from estlab.parallel.pool import Workers
+from estlab.parallel.pool import OnStep, Workers
 from estlab.record import Estimates, Record
 from estlab.scenarios.scenario import History
 from estlab.validation import problem
@@ -121,21 +123,24 @@ def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
     return settings.filters or {names.filter: settings.filter}
 
 
-def loop_of(settings: Settings, filter: Filter, places: Array) -> Loop:
+def loop_of(settings: Settings, filter: Filter, landmarks: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
-    parts = filter, *problem.models_of(scenario, noise, places), *problem.scheme_of(scenario)
-    return Loop(*parts) if settings.engine == "numpy" else CompiledLoop(*parts, insist=settings.engine == "compiled")
+    parts = filter, *problem.models_of(scenario, noise, landmarks), *problem.scheme_of(scenario)
+    if settings.engine == "numpy":
+        return Loop(*parts)
+    kind = ParticleLoop if type(filter) is ParticleFilter else CompiledLoop
+    return kind(*parts, insist=settings.engine == "compiled")
 
 
 _loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
 
 
-def _kept_loop(settings: Settings, name: str, filter: Filter, places: Array) -> Loop:
+def _kept_loop(settings: Settings, name: str, filter: Filter, landmarks: Array) -> Loop:
     """The loop of the block before, if there was one with the same settings; else a new one."""
     known = _loops.get(name)
-    if known is None or known[0] is not settings or not np.array_equal(known[1], places):
-        known = _loops[name] = settings, places, loop_of(settings, filter, places)
+    if known is None or known[0] is not settings or not np.array_equal(known[1], landmarks):
+        known = _loops[name] = settings, landmarks, loop_of(settings, filter, landmarks)
     return known[2]
 
 
@@ -143,12 +148,12 @@ def check_answers(settings: Settings, names: Names, first: Record) -> None:
     """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
     streams = Streams(settings.seed, names.scenario)
     filters = filters_of(settings, names)
-    models = problem.models_of(settings.scenario, settings.noise.filter, first.places)
+    models = problem.models_of(settings.scenario, settings.noise.filter, first.landmarks)
     problem.check(settings.scenario, *models, first, list(filters.values()))
     for name, filter in filters.items():
         if not type(filter).__module__.startswith("estlab."):
-            draws = streams.draws(f"filter/{name}", range(first.runs if first.each_its_own else 1))
-            try_filter(problem.name_of(filter), filter, *models, first, draws)
+            generators = streams.generators(f"filter/{name}", range(first.runs if first.each_its_own else 1))
+            try_filter(problem.name_of(filter), filter, *models, first, generators)
 
 
 def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
@@ -188,16 +193,16 @@ def estimated(
     first: the record of the ensemble's first block.
     """
     ensemble = Ensemble(first)
-    steps = progress(len(workers.pieces) * first.time.size * len(filters_of(settings, names)))
+    steps = progress(len(workers.tasks) * first.time.size * len(filters_of(settings, names)))
     for number, found in workers.results(partial(block_of, settings, names, first), steps):
         ensemble.add(number, found)
     taken = sum(1 << level for level, _ in ensemble.blocks.nodes)
-    if taken != len(workers.pieces) and not ensemble.failure:
-        raise RuntimeError(f"{taken} blocks came back of {len(workers.pieces)}")
+    if taken != len(workers.tasks) and not ensemble.failure:
+        raise RuntimeError(f"{taken} blocks came back of {len(workers.tasks)}")
     return ensemble
 
 
-def block_of(settings: Settings, names: Names, first: Record | None, number: int, tick: Callable[[], None]) -> Block:
+def block_of(settings: Settings, names: Names, first: Record | None, number: int, on_step: OnStep) -> Block:
     """A block of runs through all filters. first: the record of the first block, if it is made already."""
     runs = block(settings, number)
     record = first if first and number == 0 else record_of(settings, names, runs)
@@ -205,12 +210,12 @@ def block_of(settings: Settings, names: Names, first: Record | None, number: int
     found: dict[str, Estimates] = {}
     seconds: dict[str, float] = {}
     for name, filter in filters_of(settings, names).items():
-        loop = _kept_loop(settings, name, filter, record.places)
-        draws = streams.draws(f"filter/{name}", runs if record.each_its_own else range(1))
-        loop.prepare(record, draws)
+        loop = _kept_loop(settings, name, filter, record.landmarks)
+        generators = streams.generators(f"filter/{name}", runs if record.each_its_own else range(1))
+        loop.prepare(record, generators)
         began = time.perf_counter()
         watched = min(settings.keep_runs, _CLOUDS) if number == 0 else 0
-        found |= _found(loop, name, record, draws, tick, settings.smooth, watched)
+        found |= _found(loop, name, record, generators, on_step, settings.smooth, watched)
         seconds[name] = time.perf_counter() - began
     kept = {name: _kept(record, one, settings.keep_runs) for name, one in found.items()} if number == 0 else {}
     try:
@@ -254,40 +259,40 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
         "truth": record.truth[:, :, :count],
         "step": readings.step[taken],
         "values": readings.values[:, taken, :count],
-        "target": readings.target[taken, :count],
-        "places": record.places,
+        "target": readings.landmark_number[taken, :count],
+        "places": record.landmarks,
     }
     for name, kept in ensemble.kept.items():
         prefix = f"{name}." if len(ensemble.kept) > 1 else ""
         arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
     sums = {} if ensemble.failure else ensemble.total.sums
-    return arrays | {f"shown.{name}": array for name, array in (record.shown | sums).items()}
+    return arrays | {f"shown.{name}": array for name, array in (record.extra | sums).items()}
 
 
-def history_of(arrays: dict[str, Array], name: str, filters: int, place: int = 0) -> History:
+def history_of(arrays: dict[str, Array], name: str, filters: int, row: int = 0) -> History:
     """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
     prefix = f"{name}." if filters > 1 else ""
-    shown = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
+    extra = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
     return History(
         time=arrays["time"],
-        truth=arrays["truth"][..., place],
-        mean=arrays[f"{prefix}mean"][..., place],
-        cov=arrays[f"{prefix}cov"][..., place],
+        truth=arrays["truth"][..., row],
+        mean=arrays[f"{prefix}mean"][..., row],
+        cov=arrays[f"{prefix}cov"][..., row],
         step=arrays["step"],
-        values=arrays["values"][..., place],
-        target=arrays["target"][..., place],
-        places=arrays["places"],
-        shown=shown,
-        run=int(arrays["run"][place]),
+        values=arrays["values"][..., row],
+        landmark_number=arrays["target"][..., row],
+        landmarks=arrays["places"],
+        extra=extra,
+        run=int(arrays["run"][row]),
     )
 
 
 def _found(
-    loop: Loop, name: str, record: Record, draws: Draws, tick: Callable[[], None], smooth: bool, watched: int
+    loop: Loop, name: str, record: Record, generators: Generators, on_step: OnStep, smooth: bool, watched: int
 ) -> dict[str, Estimates]:
     if not smooth:
-        return {name: loop.estimate(record, draws, tick, watched)}
-    filtered, smoothed = loop.estimate_and_smooth(record, draws, tick)
+        return {name: loop.estimate(record, generators, on_step, watched)}
+    filtered, smoothed = loop.estimate_and_smooth(record, generators, on_step)
     return {name: filtered, name + SMOOTHED: smoothed}
 
 

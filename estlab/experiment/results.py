@@ -53,15 +53,17 @@ def written(settings: Settings, names: Names, ensemble: Ensemble, title: str, at
     own_name = f"{names.scenario}.csv"
     own = attempts.made(own_name, lambda: scenario.table(histories)) or {}
     if own:
-        attempts.write(own_name, partial(csv_tables.write_columns, own))
+        attempts.write(own_name, partial(csv_tables.write, own))
     by_file = _tables(ensemble, findings, bounds, attempts)
     for file, by_filter in by_file.items():
         if by_filter:
-            attempts.write(file, partial(csv_tables.write_csv, by_filter, settings.seed), needed=file == rundir.METRICS)
+            table = csv_tables.of_filters(by_filter, settings.seed)
+            attempts.write(file, partial(csv_tables.write, table), needed=file == rundir.METRICS)
     cost = ensemble.cost(len(runs))
     compared = attempts.made(rundir.COMPARISON, lambda: ensemble.total.comparison.rows(cost)) or []
     if compared:
-        attempts.write(rundir.COMPARISON, partial(csv_tables.write_rows, compared, settings.seed))
+        rows = [row | {"seed": settings.seed} for row in compared]
+        attempts.write(rundir.COMPARISON, partial(csv_tables.write, rows))
     if settings.plots:
         _draw(settings, by_file, arrays, histories, title, ensemble.record.repeated, attempts)
     return Results(findings, compared, own)
@@ -73,7 +75,7 @@ def _bound(settings: Settings, names: Names, ensemble: Ensemble) -> Array | None
         return None
     record = record_of(settings, names, range(_BOUND_RUNS))
     scenario, noise = settings.scenario, settings.noise.truth
-    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.places))
+    return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.landmarks))
 
 
 def _findings(settings: Settings, name: str, ensemble: Ensemble, bound: Array | None, attempts: Attempts) -> Findings:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled import numpy_streams
-from estlab.compiled.particle_pieces import EIGHT, Entries
+from estlab.compiled.particle_routines import EIGHT, Entries
 from estlab.filters.particle import ParticleFilter, Particles, whitening_of
 from estlab.filters.particle_code import ParticleCode
 from estlab.filters.step import Step
@@ -15,13 +15,13 @@ from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky
 from estlab.maths.resampling import Weights
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 
 @dataclass(frozen=True)
 class CompiledParticleFilter(ParticleFilter):
-    """The same filter to the same numbers but for rounding; its draws are CompiledDraws."""
+    """The same filter to the same numbers but for rounding; its generators are CompiledGenerators."""
 
     code: ParticleCode
 
@@ -40,9 +40,9 @@ class CompiledParticleFilter(ParticleFilter):
         old = belief.weights
         log, weight, size, vanished = _flat(old.log), _flat(old.linear), old.size.copy(), old.vanished.copy()
         size[few], vanished[few] = self.particles, False
-        choice = self._choice(belief.draws.of(few), drawn=self.resampling == "multinomial")
+        choice = self._choice(belief.generators.take(few), drawn=self.resampling == "multinomial")
         points, step = self._drawn(
-            motion, belief.points, control, dt, belief.draws, **choice, nth_few=nth, log=log, weight=weight
+            motion, belief.points, control, dt, belief.generators, **choice, nth_few=nth, log=log, weight=weight
         )
         return self._after(belief._replace(points=points, weights=Weights(log.T, weight.T, size, vanished)), step)
 
@@ -53,7 +53,7 @@ class CompiledParticleFilter(ParticleFilter):
         return not changed and self.resampling != "residual" and self.ancestors == "bootstrap"
 
     def _drawn(
-        self, motion: Motion, points: Array, control: Array, dt: float, draws: Draws, **choice: Any
+        self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators, **choice: Any
     ) -> tuple[Array, Step]:
         factor = cholesky(motion.noise_cov(control, dt))
         (_, count, runs), q = points.shape, motion.noise_size
@@ -63,19 +63,19 @@ class CompiledParticleFilter(ParticleFilter):
             z = self.code.room("z", q * count).reshape(1, q, count)
         factor = factor if factor.ndim > 2 else factor[..., None]
         step = Step(motion, points, control, factor, z.transpose(1, 2, 0), dt)
-        return self._stepped(step, z, draws, DRAWN=1, **choice), step
+        return self._stepped(step, z, generators, DRAWN=1, **choice), step
 
-    def _moved(self, step: Step, draws: Draws) -> Array:
-        return self._stepped(step, _by_runs(step.z), draws, DRAWN=0)
+    def _moved(self, step: Step, generators: Generators) -> Array:
+        return self._stepped(step, _by_runs(step.z), generators, DRAWN=0)
 
-    def _stepped(self, step: Step, z: Array, draws: Any, **given: Any) -> Array:
+    def _stepped(self, step: Step, z: Array, generators: Any, **given: Any) -> Array:
         (n, count, runs), code = step.before.shape, self.code
         after, before = cloud.empty(n, count, runs), _flat(step.before)
         control, factor = _by_runs(step.control), _by_runs(step.factor)
         given.setdefault("nth_few", np.full(runs, -1))
         code.move(
-            _entries(step.factor), len(step.control), **code.common(count, max(n, z.shape[1]), draws, runs), **given,
-            state=draws.state, layers=numpy_streams.layers(), z=z, Z_NEXT=_next(z), before=before, after=after,
+            _entries(step.factor), len(step.control), **code.common(count, max(n, z.shape[1]), generators, runs), **given,
+            state=generators.state, layers=numpy_streams.layers(), z=z, Z_NEXT=_next(z), before=before, after=after,
             CLOUD_STRIDE=count * runs, lapse=np.array([step.dt]), control=control, CONTROL_NEXT=_next(control),
             factor=factor, FACTOR_NEXT=_next(factor), edge=code.room("edge", count + 1),
             position=code.room("position", count + 1), chosen=code.room("chosen", count),
@@ -83,28 +83,28 @@ class CompiledParticleFilter(ParticleFilter):
         )  # fmt: skip
         return after
 
-    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Weights, Gaussian]:
-        return self._held(sensor, belief, reading, place, normalised=True)
+    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Weights, Gaussian]:
+        return self._held(sensor, belief, reading, landmark, normalised=True)
 
-    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Array, Gaussian]:
-        weights, expected = self._held(sensor, belief, reading, place, normalised=False)
+    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
+        weights, expected = self._held(sensor, belief, reading, landmark, normalised=False)
         return weights.log, expected
 
     def _held(
-        self, sensor: Sensor, belief: Particles, reading: Array, place: Array, normalised: bool
+        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array, normalised: bool
     ) -> tuple[Weights, Gaussian]:
         (n, count, runs), m = belief.points.shape, sensor.space.size
-        draws: Any = belief.draws
+        generators: Any = belief.generators
         mean, cov = np.empty((runs, m)), np.empty((runs, m, m))
         found, padded, point = _Weights(count, runs), -(-count // EIGHT) * EIGHT, _flat(belief.points)
         matrix = whitening_of(sensor, reading)
-        reading, whitening, places = _by_runs(reading), _by_runs(matrix), _by_runs(place)
+        reading, whitening, landmarks = _by_runs(reading), _by_runs(matrix), _by_runs(landmark)
         before, linear = _flat(belief.weights.log), _flat(belief.weights.linear)
         self.code.weigh(
-            _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), draws, runs),
+            _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), generators, runs),
             **found.fields, pair=self.code.room("pair", 2), NORMALISED=int(normalised), point=point,
             CLOUD_STRIDE=count * runs, log_before=before, weight=linear, reading=reading,
-            whitening=whitening, WHITENING_NEXT=_next(whitening), place=places, PLACE_NEXT=_next(places),
+            whitening=whitening, WHITENING_NEXT=_next(whitening), landmark=landmarks, LANDMARK_NEXT=_next(landmarks),
             expected=self.code.room("expected", m * padded), EXPECTED_STRIDE=padded, mean=mean, cov=cov,
         )  # fmt: skip
         return found.weights(), Gaussian(mean.T, cov.transpose(1, 2, 0))
@@ -116,33 +116,33 @@ class CompiledParticleFilter(ParticleFilter):
         self.code.normalise(**common, **found.fields, pair=self.code.room("pair", 2))
         return found.weights()
 
-    def _moments(self, space: Space, points: Array, weights: Array, draws: Any) -> Gaussian:
+    def _moments(self, space: Space, points: Array, weights: Array, generators: Any) -> Gaussian:
         n, count, runs = points.shape
         mean, cov, vector, weight = np.empty((runs, n)), np.empty((runs, n, n)), _flat(points), _flat(weights)
         self.code.sum(
-            **self.code.common(count, n + len(space.angles), draws, runs), vector=vector, CLOUD_STRIDE=count * runs,
+            **self.code.common(count, n + len(space.angles), generators, runs), vector=vector, CLOUD_STRIDE=count * runs,
             weight=weight, mean=mean, cov=cov,
         )  # fmt: skip
         return Gaussian(mean.T, cov.transpose(1, 2, 0))
 
-    def _chosen(self, weights: Array, draws: Draws) -> Array:
+    def _chosen(self, weights: Array, generators: Generators) -> Array:
         if self.resampling == "residual":
-            return super()._chosen(weights, draws)
+            return super()._chosen(weights, generators)
         (count, runs), weight, code = weights.shape, _flat(weights), self.code
-        chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(draws, drawn=True)
+        chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(generators, drawn=True)
         code.choose(
             RUNS=runs, COUNT=count, weight=weight, **choice, edge=code.room("edge", count + 1),
             position=code.room("position", count + 1), chosen=chosen,
         )  # fmt: skip
         return chosen.T
 
-    def _choice(self, draws: Draws, drawn: bool) -> dict[str, Any]:
+    def _choice(self, generators: Generators, drawn: bool) -> dict[str, Any]:
         """The uniform numbers of resampling, drawn here or to be drawn, and how positions come of them."""
         count = self.particles
         numbers = 1 if self.resampling == "systematic" else count
         strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
         if drawn:
-            u = draws.uniforms((numbers,)).T
+            u = generators.uniforms((numbers,)).T
             u = np.sort(u) if self.resampling == "multinomial" else u
         else:
             u = self.code.room("u", numbers)

@@ -12,12 +12,12 @@ from estlab.filters.given import Given, Shape, Work
 from estlab.filters.loop import Loop
 from estlab.filters.through import Program, Through
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.record import Estimates, Readings, Record
 
 log = logging.getLogger("estlab")
 
-_AT_ONCE = 200_000  # steps of runs between ticks, well under a second: compiled code hears no interruption
+_AT_ONCE = 200_000  # steps of runs between calls of on_step, well under a second: compiled code hears no interruption
 
 
 class CompiledLoop(Loop):
@@ -47,53 +47,50 @@ class CompiledLoop(Loop):
         if self.insist:
             self.work.method()
 
-    def prepare(self, record: Record, draws: Draws) -> None:
+    def prepare(self, record: Record, generators: Generators) -> None:
         """Trace and compile, or find it compiled."""
-        if not self._programs and (given := self._given(record, draws)) is not None:
+        if not self._programs and (given := self._given(record, generators)) is not None:
             self._built(given.shape, smooth=False)
 
     def estimate(
-        self, record: Record, draws: Draws, tick: Callable[[], None] | None = None, watched: int = 0
+        self, record: Record, generators: Generators, on_step: Callable[[], None] | None = None, watched: int = 0
     ) -> Estimates:
-        given = self._given(record, draws)
+        given = self._given(record, generators)
         program = None if given is None else self._built(given.shape, smooth=False)
         if given is None or program is None:
-            return super().estimate(record, draws, tick or _unheard, watched)
-        found = self._through(program, given, record, tick)
+            return super().estimate(record, generators, on_step or _nothing, watched)
+        found = self._through(program, given, record, on_step)
         estimates, weak = found.whole(record.runs), found.weak(record.runs)
         if weak.any():
-            _put(estimates, weak, super().estimate(_of(record, weak), draws))
+            replace_runs(estimates, weak, super().estimate(take_runs(record, weak), generators))
         return estimates
 
     def estimate_and_smooth(
-        self, record: Record, draws: Draws, tick: Callable[[], None] | None = None
+        self, record: Record, generators: Generators, on_step: Callable[[], None] | None = None
     ) -> tuple[Estimates, Estimates]:
-        given = self._given(record, draws)
+        given = self._given(record, generators)
         program = None if given is None else self._built(given.shape, smooth=False)
         back = None if given is None else self._built(given.shape, smooth=True)
         if given is None or program is None or back is None:
-            return super().estimate_and_smooth(record, draws, tick or _unheard)
-        found = self._through(program, given, record, tick)
+            return super().estimate_and_smooth(record, generators, on_step or _nothing)
+        found = self._through(program, given, record, on_step)
         smoothed = found.back(back)
         weak = found.weak(record.runs) | smoothed.weak(record.runs)
         pair = found.whole(record.runs), smoothed.whole(record.runs)
         if weak.any():
-            for mine, numpy in zip(pair, super().estimate_and_smooth(_of(record, weak), draws), strict=True):
-                _put(mine, weak, numpy)
+            for mine, numpy in zip(pair, super().estimate_and_smooth(take_runs(record, weak), generators), strict=True):
+                replace_runs(mine, weak, numpy)
         return pair
 
-    def _given(self, record: Record, draws: Draws) -> Given | None:
+    def _given(self, record: Record, generators: Generators) -> Given | None:
         """The record as compiled code takes it; None if there is none for this filter."""
         try:
-            return Given(self.work, record, draws, self.lanes)
+            return Given(self.work, record, generators, self.lanes)
         except ValueError:
             if self.insist:
                 raise
         except (ImportError, OSError) as error:
-            reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
-            if self.insist:
-                raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
-            log.warning("engine=numpy, since %s", reason)
+            no_compiler(error, self.insist)
         return None
 
     @cached_property
@@ -106,40 +103,58 @@ class CompiledLoop(Loop):
             try:
                 self._programs[shape, smooth] = Program(self.work, shape, smooth)
             except UntraceableError as refusal:
-                if self.insist:
-                    raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
-                log.info("engine=numpy, since models cannot be traced: %s", refusal)
+                untraceable(refusal, self.insist)
                 self._programs[shape, smooth] = None
         return self._programs[shape, smooth]
 
-    def _through(self, program: Program, given: Given, record: Record, tick: Callable[[], None] | None) -> Through:
+    def _through(self, program: Program, given: Given, record: Record, on_step: Callable[[], None] | None) -> Through:
         steps, size = record.time.size, max(1, _AT_ONCE // given.runs)
         found = Through(self.work, program, given, steps)
         for first in range(0, steps, size):
             last = min(first + size, steps)
             found.go(first, last)
-            if tick is not None:  # it would take longer than a step does
+            if on_step is not None:  # it would take longer than a step does
                 for _ in range(first, last):
-                    tick()
+                    on_step()
         return found
 
 
-def _unheard() -> None:
-    """A tick that nobody counts."""
+def untraceable(refusal: UntraceableError, insist: bool) -> None:
+    """Say that models are refused: as an error if compiled code is insisted on."""
+    if insist:
+        raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
+    log.info("engine=numpy, since models cannot be traced: %s", refusal)
 
 
-def _of(record: Record, runs: Array) -> Record:
+def no_compiler(error: ImportError | OSError, insist: bool) -> None:
+    """Say that the compiler cannot be loaded: as an error if compiled code is insisted on."""
+    reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
+    if insist:
+        raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
+    log.warning("engine=numpy, since %s", reason)
+
+
+def _nothing() -> None:
+    """For steps that nobody counts."""
+
+
+def take_runs(record: Record, runs: Array) -> Record:
     """Some of the runs of a record."""
     readings = record.readings
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, runs]
-    prior = record.prior.of(runs) if record.each_its_own else record.prior
-    part = Readings(readings.step, readings.values[:, :, runs], readings.target[:, runs])
+    prior = record.prior.take(runs) if record.each_its_own else record.prior
+    part = Readings(readings.step, readings.values[:, :, runs], readings.landmark_number[:, runs])
     return replace(record, truth=record.truth[:, :, runs], control=control, readings=part, prior=prior)
 
 
-def _put(estimates: Estimates, runs: Array, part: Estimates) -> None:
-    """Those of some runs in their place."""
+def replace_runs(estimates: Estimates, runs: Array, part: Estimates) -> None:
+    """Replace those of some runs."""
     for name in ("mean", "cov", "whitened", "log_scale"):
         getattr(estimates, name)[..., runs] = getattr(part, name)
     for name, values in part.notes.items():
         estimates.notes[name][:, runs] = values
+    if estimates.sample is not None and part.sample is not None:
+        estimates.sample[..., runs] = part.sample
+    for name in part.cloud.keys() - {"step"}:  # of the first runs alone
+        kept = part.cloud[name]
+        estimates.cloud[name][..., runs[: kept.shape[-1]]] = kept

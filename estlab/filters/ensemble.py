@@ -5,29 +5,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.filter import Filter, Innovation, Prior, Sample, innovation_of
 from estlab.filters.step import Step
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, matmul, solve_lower, transpose, without
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 
 class Ensemble(NamedTuple):
-    """Members (n, members, runs), and the streams they are perturbed from."""
+    """Members (n, members, runs), and the generators they are perturbed from."""
 
     points: Array
-    draws: Draws
+    generators: Generators
 
-    def of(self, runs: Array) -> "Ensemble":
+    def take(self, runs: Array) -> "Ensemble":
         """The belief in some of the runs."""
-        return Ensemble(cloud.of(self.points, runs), self.draws.of(runs))
+        return Ensemble(cloud.take(self.points, runs), self.generators.take(runs))
 
-    def put(self, runs: Array, part: "Ensemble") -> "Ensemble":
+    def replaced(self, runs: Array, part: "Ensemble") -> "Ensemble":
         """The belief with those of some runs replaced."""
-        return Ensemble(cloud.put(self.points, runs, part.points), self.draws)
+        return Ensemble(cloud.replaced(self.points, runs, part.points), self.generators)
 
 
 @dataclass(frozen=True)
@@ -51,23 +51,23 @@ class EnsembleFilter(Filter):
         if self.members <= motion.space.size:
             raise ValueError(f"members must be > {motion.space.size}, the size of the state, got {self.members}")
 
-    def start(self, prior: Prior, draws: Draws) -> Ensemble:
-        return Ensemble(cloud.laid_out(prior.sample(draws, self.members)), draws)
+    def start(self, prior: Prior, generators: Generators) -> Ensemble:
+        return Ensemble(cloud.laid_out(prior.sample(generators, self.members)), generators)
 
     def predict(self, motion: Motion, belief: Ensemble, control: Array, dt: float) -> Ensemble:
-        points = Step.drawn(motion, belief.points, control, dt, belief.draws).points()
+        points = Step.drawn(motion, belief.points, control, dt, belief.generators).points()
         if self.inflation > 1.0:
             mean = _mean(motion.space, points)[:, None]
             points = motion.space.plus(mean, self.inflation * motion.space.minus(points, mean))
-        return Ensemble(points, belief.draws)
+        return Ensemble(points, belief.generators)
 
-    def update(self, sensor: Sensor, belief: Ensemble, reading: Array, place: Array) -> tuple[Ensemble, Fit]:
+    def update(self, sensor: Sensor, belief: Ensemble, reading: Array, landmark: Array) -> tuple[Ensemble, Innovation]:
         m = sensor.space.size
-        expected = cloud.laid_out(sensor.read(belief.points, place))
+        expected = cloud.laid_out(sensor.read(belief.points, landmark))
         mean = _mean(sensor.space, expected)
         of_value = sensor.space.minus(expected, mean[:, None])
         of_state = sensor.state.minus(belief.points, _mean(sensor.state, belief.points)[:, None])
-        blur = cloud.combined(cholesky(sensor.noise_cov)[..., None], belief.draws.normals((m, self.members)))
+        blur = cloud.combined(cholesky(sensor.noise_cov)[..., None], belief.generators.normals((m, self.members)))
         missing = np.isnan(reading)
         innovation, each = sensor.space.minus(reading, mean), sensor.space.minus(reading[:, None] + blur, expected)
         if missing.any():
@@ -76,10 +76,10 @@ class EnsembleFilter(Filter):
         factor = cholesky(cloud.gram(of_value, of_value) / (self.members - 1) + without(sensor.noise_cov, missing))
         whitening = solve_lower(factor, np.broadcast_to(np.eye(m)[..., None], factor.shape))
         cross = cloud.gram(of_state, of_value) / (self.members - 1)
-        gain = matmul(matmul(cross, transpose(whitening)), whitening)
-        points = sensor.state.plus(belief.points, cloud.combined(gain, each))
+        kalman_gain = matmul(matmul(cross, transpose(whitening)), whitening)
+        points = sensor.state.plus(belief.points, cloud.combined(kalman_gain, each))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
-        return Ensemble(points, belief.draws), fit_of(whitened, factor, missing, None)
+        return Ensemble(points, belief.generators), innovation_of(whitened, factor, missing, None)
 
     def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
         even = cloud.even(self.members, belief.points.shape[2], 1.0 / self.members)

@@ -8,15 +8,15 @@ import numpy as np
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import summed
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.maths.uniform import Uniform
 from estlab.models.contract import Motion, Sensor
 
 Prior = Gaussian | Uniform
 
 
-class Fit(NamedTuple):
-    """How a reading fitted.
+class Innovation(NamedTuple):
+    """How far a reading lies from what was predicted, in units of what the filter expects.
 
     whitened: (m, runs) the innovation divided by the lower factor of its covariance: independent standard normals if
     all is as the filter assumes, their squares summing to the NIS; NaN where nothing was measured or it was gated.
@@ -43,8 +43,8 @@ class Cloud(NamedTuple):
     weights: Array
 
 
-def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Fit:
-    """The fit of a reading from its whitened innovation and the factor (m, m, runs) that whitened it.
+def innovation_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Innovation:
+    """The innovation of a reading, whitened, and the factor (m, m, runs) that whitened it.
 
     missing: (m, runs) what of the reading was not measured.
     gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
@@ -60,7 +60,7 @@ def fit_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -
         unused = missing | refused
     if unused.any():
         whitened, log_scale = np.where(unused, np.nan, whitened), np.where(unused, np.nan, log_scale)
-    return Fit(whitened, log_scale, refused)
+    return Innovation(whitened, log_scale, refused)
 
 
 def chi_square_quantile(share: float, freedom: Array) -> Array:
@@ -73,10 +73,10 @@ def chi_square_quantile(share: float, freedom: Array) -> Array:
 class Belief(Protocol):
     """What a filter carries for a batch of runs."""
 
-    def of(self, runs: Array) -> Self:
+    def take(self, runs: Array) -> Self:
         """The belief in some of the runs, by their place in the batch."""
 
-    def put(self, runs: Array, part: Any) -> Self:
+    def replaced(self, runs: Array, part: Any) -> Self:
         """The belief with those of some runs replaced."""
 
 
@@ -87,16 +87,16 @@ class Filter(ABC):
         """Raise ValueError, naming the key, if the filter is not defined for these models."""
 
     @abstractmethod
-    def start(self, prior: Prior, draws: Draws) -> Any:
-        """The belief before the first step. draws: the filter's own streams, one a run."""
+    def start(self, prior: Prior, generators: Generators) -> Any:
+        """The belief before the first step. generators: the filter's own, one a run."""
 
     @abstractmethod
     def predict(self, motion: Motion, belief: Any, control: Array, dt: float) -> Any:
         """The belief dt [s] later."""
 
     @abstractmethod
-    def update(self, sensor: Sensor, belief: Any, reading: Array, place: Array) -> tuple[Any, Fit]:
-        """The belief given a reading (m, runs) about places (p, runs). A NaN in the reading was not measured."""
+    def update(self, sensor: Sensor, belief: Any, reading: Array, landmark: Array) -> tuple[Any, Innovation]:
+        """The belief given a reading (m, runs) about landmarks (p, runs). A NaN in the reading was not measured."""
 
     @abstractmethod
     def moments(self, belief: Any, motion: Motion) -> Gaussian:

@@ -5,13 +5,13 @@ from typing import Literal
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Fit, Prior, fit_of
+from estlab.filters.filter import Filter, Innovation, Prior, innovation_of
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, matmul, matvec, solve_lower, transpose, without
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
 from estlab.maths.space import Array
 from estlab.maths.stacking import through
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.maths.transforms import Linearised, Moments, SecondOrder, Transform
 from estlab.models.contract import Motion, Sensor
 
@@ -25,7 +25,7 @@ class GaussianFilter(Filter):
     transform: how a belief goes through a model; this alone makes it an EKF, UKF or CKF.
     noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends the state
     alone and adds their covariances, linearised in the process noise.
-    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.filter.fit_of`.
+    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.filter.innovation_of`.
     """
 
     transform: Transform
@@ -42,7 +42,7 @@ class GaussianFilter(Filter):
             self.transform.check(n + motion.noise_size)
             self.transform.check(n + sensor.space.size)
 
-    def start(self, prior: Prior, draws: Draws) -> Gaussian:
+    def start(self, prior: Prior, generators: Generators) -> Gaussian:
         mean, cov = prior.fitted()
         n, runs = mean.shape
         return Gaussian(mean, np.broadcast_to(cov.reshape(n, n, -1), (n, n, runs)))
@@ -61,42 +61,46 @@ class GaussianFilter(Filter):
         if self.noise == "augmented":
             joint = self.transform(motion.joint_function(control, dt), belief.joined(noise_cov), crossed)
             return joint._replace(cross=joint.cross[: motion.space.size])
-        function, noise_slope = motion.over(control, dt)
+        function, noise_jacobian = motion.over(control, dt)
         moments = self.transform(function, belief, crossed)
-        _, added = through(noise_slope(belief.mean), noise_cov, belief.mean.shape[1:])
+        _, added = through(noise_jacobian(belief.mean), noise_cov, belief.mean.shape[1:])
         return moments._replace(cov=moments.cov + added)
 
-    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        return self.condition(sensor, belief, self.predicted(sensor, belief, place), reading, self.gate)
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, landmark: Array) -> tuple[Gaussian, Innovation]:
+        return self.condition(sensor, belief, self.predicted(sensor, belief, landmark), reading, self.gate)
 
-    def predicted(self, sensor: Sensor, belief: Gaussian, place: Array) -> Moments:
+    def predicted(self, sensor: Sensor, belief: Gaussian, landmark: Array) -> Moments:
         """Mean and covariance of the reading to come, noise included, and its cross-covariance with the state."""
         if self.noise == "augmented":
             n = belief.mean.shape[0]
-            joint = self.transform(sensor.joint_function(place, n), belief.joined(sensor.noise_cov))
+            joint = self.transform(sensor.joint_function(landmark, n), belief.joined(sensor.noise_cov))
             return joint._replace(cross=joint.cross[:n])
-        moments = self.transform(sensor.function(place), belief)
+        moments = self.transform(sensor.function(landmark), belief)
         return moments._replace(cov=moments.cov + _shaped(sensor.noise_cov, moments.cov))
 
     def condition(
         self, sensor: Sensor, belief: Gaussian, predicted: Moments, reading: Array, gate: float | None
-    ) -> tuple[Gaussian, Fit]:
-        """The one gain: a belief given a reading, from the joint moments of both."""
+    ) -> tuple[Gaussian, Innovation]:
+        """A Gaussian belief given a reading: x | z from the joint moments of x and z.
+
+        With S = L L' the Kalman gain is K = C S^-1 = (L^-1 C')' L^-1. The update needs it in two halves alone:
+        K (z - z_hat) = (L^-1 C')' (L^-1 (z - z_hat)), and K S K' = (L^-1 C')' (L^-1 C') is symmetric by construction.
+        Bar-Shalom, Li and Kirubarajan 2001, equations 1.4.14-5 and -6; Saerkkae 2013, equations 6.7.
+        """
         cross, innovation_cov = predicted.cross, predicted.cov
-        residual = sensor.space.minus(reading, predicted.mean)
+        innovation = sensor.space.minus(reading, predicted.mean)
         missing = np.isnan(reading)
         if missing.any():
-            cross, innovation_cov, residual = _without(missing, cross, innovation_cov, residual)
+            cross, innovation_cov, innovation = _without(missing, cross, innovation_cov, innovation)
 
-        # With S = L L', the gain times the innovation is (L^-1 C')' (L^-1 r), and K S K' is a gram matrix.
-        factor = cholesky(innovation_cov)
-        both = solve_lower(factor, np.concatenate([transpose(cross), residual[:, None]], axis=1))
-        gain, whitened = both[:, :-1], both[:, -1]
-        found = fit_of(whitened, factor, missing, gate)
+        factor = cholesky(innovation_cov)  # L
+        both = solve_lower(factor, np.concatenate([transpose(cross), innovation[:, None]], axis=1))
+        half_gain, whitened = both[:, :-1], both[:, -1]  # L^-1 C' = (K L)', L^-1 (z - z_hat)
+        found = innovation_of(whitened, factor, missing, gate)
         if found.gated.any():
-            gain = np.where(found.gated, 0.0, gain)
-        mean = sensor.state.plus(belief.mean, matvec(transpose(gain), whitened))
-        return Gaussian(mean, belief.cov - matmul(transpose(gain), gain)), found
+            half_gain = np.where(found.gated, 0.0, half_gain)
+        mean = sensor.state.plus(belief.mean, matvec(transpose(half_gain), whitened))
+        return Gaussian(mean, belief.cov - matmul(transpose(half_gain), half_gain)), found
 
     def moments(self, belief: Gaussian, motion: Motion) -> Gaussian:
         return belief
@@ -106,16 +110,16 @@ class GaussianFilter(Filter):
 class DeadReckoning(GaussianFilter):
     """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
 
-    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, landmark: Array) -> tuple[Gaussian, Innovation]:
         nothing = np.full(reading.shape, np.nan)
-        return belief, Fit(nothing, nothing, np.zeros(reading.shape[1:], dtype=bool))
+        return belief, Innovation(nothing, nothing, np.zeros(reading.shape[1:], dtype=bool))
 
 
 @dataclass(frozen=True)
 class IteratedFilter(GaussianFilter):
     """The update repeated, the sensor linearised about the estimate it gave: Gauss-Newton. Bell and Cathey 1993.
 
-    iterations: >= 1 linearisations; 1 is the EKF. The fit is that of the first, about the prediction.
+    iterations: >= 1 linearisations; 1 is the EKF. The innovation is that of the first, about the prediction.
     """
 
     iterations: int
@@ -125,12 +129,12 @@ class IteratedFilter(GaussianFilter):
         if not 1 <= self.iterations <= 1000:
             raise ValueError(f"iterations must be from 1 to 1000, got {self.iterations}")
 
-    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, place: Array) -> tuple[Gaussian, Fit]:
-        found, first = super().update(sensor, belief, reading, place)
+    def update(self, sensor: Sensor, belief: Gaussian, reading: Array, landmark: Array) -> tuple[Gaussian, Innovation]:
+        found, first = super().update(sensor, belief, reading, landmark)
         noise_cov = _shaped(sensor.noise_cov, belief.cov)
         for _ in range(self.iterations - 1):
             offset = sensor.state.minus(belief.mean, found.mean)
-            moments = Linearised().about(sensor.function(place), belief, found.mean, offset)
+            moments = Linearised().about(sensor.function(landmark), belief, found.mean, offset)
             # What passed the gate once is not asked again.
             again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading, None)
             mean = np.where(first.gated, found.mean, again.mean)
@@ -190,9 +194,9 @@ def _shaped(constant: Array, like: Array) -> Array:
     return constant.reshape(*constant.shape, *(1,) * (like.ndim - 2))
 
 
-def _without(missing: Array, cross: Array, innovation_cov: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """The same update without the missing numbers (m, runs): they become independent of the state, with no residual.
+def _without(missing: Array, cross: Array, innovation_cov: Array, innovation: Array) -> tuple[Array, Array, Array]:
+    """The same update without the missing numbers (m, runs): they become independent of the state, with no innovation.
 
     Exactly the update with the rows left out, yet of one shape for all runs.
     """
-    return np.where(missing, 0.0, cross), without(innovation_cov, missing), np.where(missing, 0.0, residual)
+    return np.where(missing, 0.0, cross), without(innovation_cov, missing), np.where(missing, 0.0, innovation)

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled import cache
-from estlab.compiled.pieces import Method
+from estlab.compiled.routines import Method
 from estlab.filters.filter import Filter
 from estlab.filters.methods import method_of
 from estlab.filters.stacks import one_by_one, stacked
 from estlab.filters.step_tables import noise_table
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 
@@ -43,7 +43,7 @@ class Shape:
 
     controls: components of a command. each_control, each_noise: whether runs have their own. noise: the entries of the
     process noise that are not zero. count: readings taken as one. masked: whether numbers of readings are missing.
-    each_place: whether a reading of one run may be about another place than of the next. lanes: runs at once.
+    each_landmark: whether a reading of one run may be about another landmark than of the next. lanes: runs at once.
     """
 
     controls: int
@@ -52,19 +52,19 @@ class Shape:
     each_noise: bool
     count: int
     masked: bool
-    each_place: bool
+    each_landmark: bool
     lanes: int
 
 
 class Given:
     """A record's arrays, the belief at its start, and their shape. Raises ValueError as Work.method."""
 
-    def __init__(self, work: Work, record: Record, draws: Draws, lanes: int | None) -> None:
+    def __init__(self, work: Work, record: Record, generators: Generators, lanes: int | None) -> None:
         method = work.method()
         self.lapse = np.diff(record.time, prepend=record.start)
         self.pause = work.pause if work.scheme == "interleaved" else 0.0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            start: Any = work.filter.start(record.prior, draws)
+            start: Any = work.filter.start(record.prior, generators)
             self.table = noise_table(work.motion, record.control, self.lapse, self.pause, method.factors_noise)
         self.mean, self.matrix = start  # a covariance or its factor
         self.runs = int(self.mean.shape[1])
@@ -76,10 +76,10 @@ class Given:
         self.shape = Shape(
             record.control.shape[0],
             record.control.shape[2] > 1,
-            self.table.places,
+            self.table.positions,
             self.table.entries.shape[2] > 1,
             self.stack.count,
             bool(np.isnan(self.stack.values).any()),
-            bool((self.stack.target != self.stack.target[..., :1]).any()),
+            bool((self.stack.landmark_number != self.stack.landmark_number[..., :1]).any()),
             lanes,
         )

@@ -10,7 +10,7 @@ from estlab.filters.gaussian import GaussianFilter
 from estlab.filters.smoother import Link, smooth
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Estimates, Record
 
@@ -48,7 +48,7 @@ class Loop:
     def check_engine(self) -> None:
         """Raise ValueError if what the loop runs on is not for this filter; NumPy is for all."""
 
-    def prepare(self, record: Record, draws: Draws) -> None:
+    def prepare(self, record: Record, generators: Generators) -> None:
         """Do now what is to be done once, and is no part of a filter's cost; NumPy needs nothing."""
 
     def check_smoother(self) -> None:
@@ -59,22 +59,22 @@ class Loop:
             raise ValueError("the smoother knows no prediction between readings; take another scenario.update")
 
     def estimate(
-        self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None, watched: int = 0
+        self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None, watched: int = 0
     ) -> Estimates:
-        """The belief after each step. draws: the filter's own streams. tick: called after every step.
+        """The belief after each step. generators: the filter's own. on_step: called after every step.
 
         watched: of how many of the first runs the cloud is kept at some steps, if the belief is one.
         """
         if record.runs == 1 and isinstance(self.filter, GaussianFilter) and self.scheme != "stacked":
-            return self._alone(record, draws, tick)
-        return self._forward(record, draws, tick, None, watched)
+            return self._alone(record, generators, on_step)
+        return self._forward(record, generators, on_step, None, watched)
 
     def estimate_and_smooth(
-        self, record: Record, draws: Draws, tick: Callable[[], None] = lambda: None
+        self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None
     ) -> tuple[Estimates, Estimates]:
         """The belief after each step, and what it is in the light of all readings."""
         links: list[Link | None] = []
-        filtered = self._forward(record, draws, tick, links)
+        filtered = self._forward(record, generators, on_step, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             mean, cov = smooth(self.motion.space, links, filtered.mean, filtered.cov)
         nothing = np.full_like(filtered.whitened, np.nan)
@@ -83,8 +83,8 @@ class Loop:
     def _forward(
         self,
         record: Record,
-        draws: Draws,
-        tick: Callable[[], None],
+        generators: Generators,
+        on_step: Callable[[], None],
         links: list[Link | None] | None,
         watched: int = 0,
     ) -> Estimates:
@@ -98,7 +98,7 @@ class Loop:
         lapse = np.diff(record.time, prepend=record.start)
         bounds = record.readings.bounds(steps)
         has = np.asarray(~np.isnan(record.readings.values).all(axis=0))
-        belief = self.filter.start(record.prior, draws)
+        belief = self.filter.start(record.prior, generators)
         # NaN is how a run says that it diverged, so the arithmetic that carries it is not worth a warning.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for k in range(steps):
@@ -118,11 +118,11 @@ class Loop:
                     notes.setdefault(name, np.zeros((steps, runs)))[k] = values
                 if k in moments and (cloud := self.filter.cloud(belief, watched)) is not None:
                     clouds[k] = cloud
-                tick()
+                on_step()
         gate = getattr(self.filter, "gate", None)
         return Estimates(mean, cov, whitened, log_scale, sample, notes, gate, _as_arrays(clouds))
 
-    def _alone(self, record: Record, draws: Draws, tick: Callable[[], None]) -> Estimates:
+    def _alone(self, record: Record, generators: Generators, on_step: Callable[[], None]) -> Estimates:
         """Of a single run and a Gaussian belief: no array has the axis of runs, so that models work on plain numbers.
 
         The arithmetic is that of many runs, number for number.
@@ -132,11 +132,11 @@ class Loop:
         values = np.ascontiguousarray(record.readings.values[:, :, 0].T)
         whitened, log_scale = np.full((2, *values.shape), np.nan)
         has = (~np.isnan(values).all(axis=1)).tolist()
-        places = self.sensor.place(record.readings.target[:, 0]).T
+        landmarks = self.sensor.landmark(record.readings.landmark_number[:, 0]).T
         control, at_rest = np.ascontiguousarray(record.control[:, :, 0].T), np.zeros(record.control.shape[0])
         lapse = np.diff(record.time, prepend=record.start).tolist()
         bounds = record.readings.bounds(steps).tolist()
-        start = filter.start(record.prior, draws)
+        start = filter.start(record.prior, generators)
         belief = Gaussian(start.mean[..., 0], start.cov[..., 0])
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for k in range(steps):
@@ -147,11 +147,11 @@ class Loop:
                         continue
                     if self.scheme == "interleaved" and i > bounds[k]:
                         belief = filter.predict(self.motion, belief, at_rest, self.pause)
-                    belief, fit = filter.update(self.sensor, belief, values[i], places[i])
-                    whitened[i], log_scale[i] = fit.whitened, fit.log_scale
-                    gated[k] += fit.gated
+                    belief, innovation = filter.update(self.sensor, belief, values[i], landmarks[i])
+                    whitened[i], log_scale[i] = innovation.whitened, innovation.log_scale
+                    gated[k] += innovation.gated
                 mean[k], cov[k] = belief
-                tick()
+                on_step()
         return Estimates(
             np.moveaxis(mean, 0, -1)[..., None],
             np.moveaxis(cov, 0, -1)[..., None],
@@ -173,13 +173,13 @@ class Loop:
     def _update(
         self, belief: Belief, record: Record, taken: slice, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
-        """Take in a step's readings, put how they fitted in its place, and count the gated of each run.
+        """Take in a step's readings, store their innovations, and count the gated of each run.
 
         has: (readings, runs), which run has which; it takes no part in a reading that it does not have.
         """
-        values, target = record.readings.values[:, taken], record.readings.target[taken]
+        values, landmark_number = record.readings.values[:, taken], record.readings.landmark_number[taken]
         if self.scheme == "stacked":
-            return self._stacked(belief, values, target, has, whitened, log_scale)
+            return self._stacked(belief, values, landmark_number, has, whitened, log_scale)
 
         gated = np.zeros(record.runs)
         at_rest = np.zeros((record.control.shape[0], 1))
@@ -187,32 +187,32 @@ class Loop:
             everyone = has[i].all()
             # All runs are a slice, of which NumPy makes no copy.
             runs: Any = slice(None) if everyone else np.flatnonzero(has[i])
-            part = belief if everyone else belief.of(runs)
+            part = belief if everyone else belief.take(runs)
             if self.scheme == "interleaved" and i > 0:
                 part = self.filter.predict(self.motion, part, at_rest, self.pause)
-            place = self.sensor.place(target[i, runs])
-            part, fit = self.filter.update(self.sensor, part, values[:, i, runs], place)
-            belief = part if everyone else belief.put(runs, part)
-            whitened[:, i, runs], log_scale[:, i, runs] = fit.whitened, fit.log_scale
-            gated[runs] += fit.gated
+            landmark = self.sensor.landmark(landmark_number[i, runs])
+            part, innovation = self.filter.update(self.sensor, part, values[:, i, runs], landmark)
+            belief = part if everyone else belief.replaced(runs, part)
+            whitened[:, i, runs], log_scale[:, i, runs] = innovation.whitened, innovation.log_scale
+            gated[runs] += innovation.gated
         return belief, gated
 
     def _stacked(
-        self, belief: Belief, values: Array, target: Array, has: Array, whitened: Array, log_scale: Array
+        self, belief: Belief, values: Array, landmark_number: Array, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
         """All of a run's readings as one, for the runs of each number of readings in turn."""
         gated, counts = np.zeros(has.shape[1]), has.sum(axis=0)
         for count in np.unique(counts[counts > 0]):
             runs = np.flatnonzero(counts == count)
             slots = np.argsort(~has[:, runs], axis=0, kind="stable")[:count]
-            places = self.sensor.place(np.take_along_axis(target[:, runs], slots, axis=0))
+            landmarks = self.sensor.landmark(np.take_along_axis(landmark_number[:, runs], slots, axis=0))
             long = np.take_along_axis(values[:, :, runs], slots[None], axis=1).swapaxes(0, 1).reshape(-1, runs.size)
-            part, fit = self.filter.update(self.sensor.times(int(count)), belief.of(runs), long, places)
-            belief = belief.put(runs, part)
+            part, innovation = self.filter.update(self.sensor.times(int(count)), belief.take(runs), long, landmarks)
+            belief = belief.replaced(runs, part)
             # With a triangular factor, the parts of a long innovation are those of its readings taken in turn.
-            for place, parts in ((whitened, fit.whitened), (log_scale, fit.log_scale)):
-                place[:, slots, runs] = parts.reshape(count, -1, runs.size).swapaxes(0, 1)
-            gated[runs] += fit.gated
+            for room, parts in ((whitened, innovation.whitened), (log_scale, innovation.log_scale)):
+                room[:, slots, runs] = parts.reshape(count, -1, runs.size).swapaxes(0, 1)
+            gated[runs] += innovation.gated
         return belief, gated
 
 

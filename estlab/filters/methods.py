@@ -1,10 +1,10 @@
-"""What the code compiled for a filter has to know of it: see estlab.compiled.pieces.Method."""
+"""What the code compiled for a filter has to know of it: see estlab.compiled.routines.Method."""
 
 from typing import Any, cast
 
 import numpy as np
 
-from estlab.compiled.pieces import Method, PointSet
+from estlab.compiled.routines import Method, PointSet
 from estlab.filters.filter import Filter
 from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
 from estlab.filters.square_root import SquareRootFilter
@@ -12,15 +12,15 @@ from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Si
 from estlab.maths.transforms import Linearised, SecondOrder
 from estlab.models.contract import Motion, Sensor
 
-_MOST_POINTS, _MOST_STATES = 128, 24
+_MOST_POINTS, MOST_STATES = 128, 24
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
 def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's count of numbers is that of one update. Raises ValueError for another filter."""
     n, q, m = motion.space.size, motion.noise_size, sensor.space.size
-    if n > _MOST_STATES:
-        raise ValueError(f"it unrolls states of {_MOST_STATES} components at most, not {n}; take engine=numpy")
+    if n > MOST_STATES:
+        raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; take engine=numpy")
     transform: Any = getattr(filter, "transform", None)
     if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
         points = _points(transform, n)
@@ -35,8 +35,8 @@ def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     iterations = filter.iterations if isinstance(filter, IteratedFilter) else 1
     updating = not isinstance(filter, DeadReckoning)
     if type(transform) is Linearised:
-        # Along a tangent both kinds of noise are the same.
-        return Method("tangent", iterations=iterations, updating=updating, gated=gated)
+        # Linearised, both kinds of noise are the same.
+        return Method("linearised", iterations=iterations, updating=updating, gated=gated)
     if type(transform) is SecondOrder and iterations == 1:
         return Method(transform.form, augmented=augmented, updating=updating, gated=gated)
     if type(transform) in _POINTS and iterations == 1:

@@ -5,21 +5,21 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Cloud, Filter, Fit, Prior, Sample, fit_of
+from estlab.filters.filter import Cloud, Filter, Innovation, Prior, Sample, innovation_of
 from estlab.filters.step import Step, own
 from estlab.maths import cloud
-from estlab.maths.gaussian_belief import Gaussian, placed
+from estlab.maths.gaussian_belief import Gaussian, replaced
 from estlab.maths.linalg import cholesky, solve_lower, without
 from estlab.maths.resampling import Scheme, Weights, resample
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 _SAMPLED = 200  # particles of a run that are kept of a cloud
 
 
 class Particles(NamedTuple):
-    """A cloud (n, N, runs) with its weights; where it began, and its streams.
+    """A cloud (n, N, runs) with its weights; where it began, and its generators.
 
     lost: (runs,) how often all weights were lost since the last prediction.
     last: the prediction that made the points. fresh: (runs,) whether no reading has come since.
@@ -28,24 +28,24 @@ class Particles(NamedTuple):
     points: Array
     weights: Weights
     prior: Prior
-    draws: Draws
+    generators: Generators
     lost: Array
     last: Step | None
     fresh: Array
 
-    def of(self, runs: Array) -> "Particles":
+    def take(self, runs: Array) -> "Particles":
         """The belief in some of the runs."""
-        last = None if self.last is None else self.last.of(runs)
-        own = self.prior.of(runs), self.draws.of(runs), self.lost[runs]
-        return Particles(cloud.of(self.points, runs), self.weights.of(runs), *own, last, self.fresh[runs])
+        last = None if self.last is None else self.last.take(runs)
+        own = self.prior.take(runs), self.generators.take(runs), self.lost[runs]
+        return Particles(cloud.take(self.points, runs), self.weights.take(runs), *own, last, self.fresh[runs])
 
-    def put(self, runs: Array, part: "Particles") -> "Particles":
+    def replaced(self, runs: Array, part: "Particles") -> "Particles":
         """The belief with those of some runs replaced."""
         return self._replace(
-            points=cloud.put(self.points, runs, part.points),
-            weights=self.weights.put(runs, part.weights),
-            lost=placed(self.lost, runs, part.lost),
-            fresh=placed(self.fresh, runs, part.fresh),
+            points=cloud.replaced(self.points, runs, part.points),
+            weights=self.weights.replaced(runs, part.weights),
+            lost=replaced(self.lost, runs, part.lost),
+            fresh=replaced(self.fresh, runs, part.fresh),
         )
 
 
@@ -59,7 +59,7 @@ class ParticleFilter(Filter):
     injection: share of the particles drawn anew from the prior at each resampling.
     bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud;
     Musso, Oudjane and Le Gland 2001, section 12.2.3, with the shrinkage of Liu and West 2001, section 10.3.2.
-    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction fits the
+    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction likelihood the
     reading; Pitt and Shephard 1999.
     recovery: what to do when every log-weight is -inf, as where a reading or a model is not finite: ``flatten`` forgets
     the reading, ``redraw`` begins again from the prior. However small, a likelihood is none of these: the particle
@@ -85,34 +85,38 @@ class ParticleFilter(Filter):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must be >= 0, got {getattr(self, name):g}")
 
-    def start(self, prior: Prior, draws: Draws) -> Particles:
-        points = cloud.laid_out(prior.sample(draws, self.particles))
+    def start(self, prior: Prior, generators: Generators) -> Particles:
+        points = cloud.laid_out(prior.sample(generators, self.particles))
         runs = points.shape[2]
         even = Weights.even(self.particles, runs)
-        return Particles(points, even, prior, draws, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
+        return Particles(points, even, prior, generators, np.zeros(runs, dtype=int), None, np.zeros(runs, dtype=bool))
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         before = self._resampled(motion, belief)
-        points, step = self._drawn(motion, before.points, control, dt, belief.draws)
+        points, step = self._drawn(motion, before.points, control, dt, belief.generators)
         return self._after(before._replace(points=points), step)
 
-    def update(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Particles, Fit]:
-        weights, expected = self._weighed(sensor, belief, reading, place)
+    def update(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Particles, Innovation]:
+        weights, expected = self._weighed(sensor, belief, reading, landmark)
         weighed = belief._replace(weights=weights)
-        fit = _fit(sensor, expected, reading)
+        innovation = _innovation(sensor, expected, reading)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
-            part = self._with_chosen_ancestors(sensor, belief.of(fresh), reading[:, fresh], own(place, fresh))
-            weighed = weighed.put(fresh, part)
+            part = self._with_chosen_ancestors(sensor, belief.take(fresh), reading[:, fresh], own(landmark, fresh))
+            weighed = weighed.replaced(fresh, part)
         vanished = weighed.weights.vanished
         points = weighed.points
         if self.recovery == "redraw" and vanished.any():
             lost = np.flatnonzero(vanished)
-            points = cloud.put(points, lost, belief.prior.of(lost).sample(belief.draws.of(lost), self.particles))
-        return weighed._replace(points=points, lost=belief.lost + vanished, fresh=np.zeros_like(belief.fresh)), fit
+            points = cloud.replaced(
+                points, lost, belief.prior.take(lost).sample(belief.generators.take(lost), self.particles)
+            )
+        return weighed._replace(
+            points=points, lost=belief.lost + vanished, fresh=np.zeros_like(belief.fresh)
+        ), innovation
 
     def moments(self, belief: Particles, motion: Motion) -> Gaussian:
-        return self._moments(motion.space, belief.points, belief.weights.linear, belief.draws)
+        return self._moments(motion.space, belief.points, belief.weights.linear, belief.generators)
 
     def sample(self, belief: Particles) -> Sample:
         return Sample(belief.weights.size, 1.0 - 1.0 / belief.weights.size)
@@ -128,44 +132,48 @@ class ParticleFilter(Filter):
         few = np.flatnonzero(belief.weights.size < self.threshold * self.particles)
         if few.size == 0:
             return belief
-        draws, weights = belief.draws.of(few), cloud.of(belief.weights.linear, few)
-        chosen = cloud.chosen(belief.points, few, self._chosen(weights, draws))
+        generators, weights = belief.generators.take(few), cloud.take(belief.weights.linear, few)
+        chosen = cloud.chosen(belief.points, few, self._chosen(weights, generators))
         n = chosen.shape[0]
         if self.roughening > 0.0:
-            before = cloud.of(belief.points, few)
+            before = cloud.take(belief.points, few)
             about = cloud.mean(motion.space, before, weights)[:, None]
             wide = np.ptp(motion.space.minus(before, about), axis=1)[:, None]  # round the mean: a heading has no ends
-            chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * draws.normals(chosen.shape[:2])
+            chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * generators.normals(
+                chosen.shape[:2]
+            )
         if self.bandwidth > 0.0:
-            moments = self._moments(motion.space, cloud.of(belief.points, few), weights, draws)
+            moments = self._moments(motion.space, cloud.take(belief.points, few), weights, generators)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
             width = min(self.bandwidth * best, 1.0)
             # Drawn toward the mean by as much as the kernel spreads, so that the covariance stays. A cloud in one
             # point has no width to smooth by.
             about = moments.mean[:, None]
-            kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), draws.normals(chosen.shape[:2]))
+            kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), generators.normals(chosen.shape[:2]))
             chosen = about + np.sqrt(1.0 - width**2) * motion.space.minus(chosen, about) + width * kernel
         if self.injection > 0.0:
-            fresh = belief.prior.of(few).sample(draws, self.particles)
-            replaced = draws.uniforms((self.particles,)) < self.injection
-            chosen = np.where(replaced, fresh, chosen)
+            fresh = belief.prior.take(few).sample(generators, self.particles)
+            injected = generators.uniforms((self.particles,)) < self.injection
+            chosen = np.where(injected, fresh, chosen)
         even = Weights.even(self.particles, few.size)
-        return belief._replace(points=cloud.put(belief.points, few, chosen), weights=belief.weights.put(few, even))
+        return belief._replace(
+            points=cloud.replaced(belief.points, few, chosen), weights=belief.weights.replaced(few, even)
+        )
 
-    def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> Particles:
-        """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
+    def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Particles:
+        """Ancestors drawn by how their noiseless prediction likelihood, moved with the noise and weighed for the choice."""
         last = belief.last
         if last is None:
             return belief
         even = Weights.even(*belief.weights.log.shape)
-        guess = belief._replace(points=self._moved(last.silent(), belief.draws), weights=even)
-        fits, _ = self._looked(sensor, guess, reading, place)
-        first_stage = self._weights(belief.weights.log + fits).linear
-        chosen = self._chosen(first_stage, belief.draws)
+        guess = belief._replace(points=self._moved(last.silent(), belief.generators), weights=even)
+        likelihood, _ = self._looked(sensor, guess, reading, landmark)
+        first_stage = self._weights(belief.weights.log + likelihood).linear
+        chosen = self._chosen(first_stage, belief.generators)
         before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
-        moved = belief._replace(points=self._moved(last._replace(before=before), belief.draws), weights=even)
-        second, _ = self._looked(sensor, moved, reading, place)
-        return moved._replace(weights=self._weights(second - np.take_along_axis(fits, chosen, axis=0)))
+        moved = belief._replace(points=self._moved(last._replace(before=before), belief.generators), weights=even)
+        second, _ = self._looked(sensor, moved, reading, landmark)
+        return moved._replace(weights=self._weights(second - np.take_along_axis(likelihood, chosen, axis=0)))
 
     def _after(self, belief: Particles, step: Step) -> Particles:
         """The belief after a step that made its points."""
@@ -174,27 +182,27 @@ class ParticleFilter(Filter):
 
     # The work on whole clouds, which compiled code does too: see estlab.filters.compiled_particles.
 
-    def _drawn(self, motion: Motion, points: Array, control: Array, dt: float, draws: Draws) -> tuple[Array, Step]:
+    def _drawn(self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators) -> tuple[Array, Step]:
         """The points (n, N, runs) after a step whose noise is drawn; and the step."""
-        step = Step.drawn(motion, points, control, dt, draws)
-        return self._moved(step, draws), step
+        step = Step.drawn(motion, points, control, dt, generators)
+        return self._moved(step, generators), step
 
-    def _moved(self, step: Step, draws: Draws) -> Array:
+    def _moved(self, step: Step, generators: Generators) -> Array:
         """The points (n, N, runs) after a step."""
         return step.points()
 
-    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Weights, Gaussian]:
+    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Weights, Gaussian]:
         """The weights given a reading, and what reading the belief expects."""
-        logs, expected = self._looked(sensor, belief, reading, place)
+        logs, expected = self._looked(sensor, belief, reading, landmark)
         return self._weights(logs), expected
 
-    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, place: Array) -> tuple[Array, Gaussian]:
+    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
         """Log-weights (N, runs) with log p(reading | point), up to a constant; and what reading the belief expects."""
         count, runs = belief.weights.log.shape
         m, whitening = sensor.space.size, whitening_of(sensor, reading)
         logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
         for some in cloud.groups(count, runs):
-            look = _Look(sensor, reading[:, some], own(place, some), own(whitening, some))
+            look = _Look(sensor, reading[:, some], own(landmark, some), own(whitening, some))
             expected, squares = look.at(belief.points[..., some])
             np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
             mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
@@ -204,13 +212,13 @@ class ParticleFilter(Filter):
         """Those with these logarithms (N, runs) but for a factor. The array is taken over."""
         return Weights.of_logs(logs)
 
-    def _moments(self, space: Space, points: Array, weights: Array, draws: Draws) -> Gaussian:
+    def _moments(self, space: Space, points: Array, weights: Array, generators: Generators) -> Gaussian:
         """Weighted mean (n, runs) and covariance (n, n, runs) of points."""
         return cloud.moments(space, points, weights)
 
-    def _chosen(self, weights: Array, draws: Draws) -> Array:
+    def _chosen(self, weights: Array, generators: Generators) -> Array:
         """Indices (N, runs) of the points that resampling by these weights (N, runs) keeps."""
-        return resample(self.resampling, weights, draws)
+        return resample(self.resampling, weights, generators)
 
 
 def whitening_of(sensor: Sensor, reading: Array) -> Array:
@@ -228,7 +236,7 @@ class _Look(NamedTuple):
 
     sensor: Sensor
     reading: Array
-    place: Array
+    landmark: Array
     whitening: Array
 
     def at(self, points: Array) -> tuple[Array, Array]:
@@ -237,23 +245,23 @@ class _Look(NamedTuple):
         expected, squares = cloud.empty(len(self.reading), count, runs), cloud.empty(1, count, runs)[0]
         missing = np.isnan(self.reading)[:, None]
 
-        def piece(part: slice) -> None:
+        def weigh(part: slice) -> None:
             values = expected[:, part]
-            cloud.fill(values, self.sensor.measure(points[:, part], self.place))
+            cloud.fill(values, self.sensor.measure(points[:, part], self.landmark))
             residual = self.sensor.space.minus(self.reading[:, None], values)
             if missing.any():
                 residual = np.where(missing, 0.0, residual)
             whitened = cloud.combined(self.whitening, residual)
             np.einsum("ipr,ipr->pr", whitened, whitened, out=squares[part])
 
-        cloud.each(piece, count)
+        cloud.each(weigh, count)
         return expected, squares
 
 
-def _fit(sensor: Sensor, expected: Gaussian, reading: Array) -> Fit:
-    """How a reading fitted what the weighted cloud expected."""
+def _innovation(sensor: Sensor, expected: Gaussian, reading: Array) -> Innovation:
+    """How far a reading lies from what the weighted cloud expected."""
     missing = np.isnan(reading)
-    residual = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
+    innovation = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
     factor = cholesky(without(expected.cov + sensor.noise_cov[..., None], missing))
-    whitened = solve_lower(factor, residual[:, None])[:, 0]
-    return fit_of(whitened, factor, missing, None)
+    whitened = solve_lower(factor, innovation[:, None])[:, 0]
+    return innovation_of(whitened, factor, missing, None)

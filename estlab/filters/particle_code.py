@@ -1,15 +1,16 @@
 """The programs that go over clouds, called on arrays; and the streams that they draw from."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from estlab.compiled import cache, numpy_streams, particle_programs
 from estlab.compiled.model_graphs import MotionModel, SensorModel
-from estlab.compiled.particle_pieces import EIGHT, Entries
+from estlab.compiled.particle_routines import EIGHT, Entries
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 
@@ -24,6 +25,16 @@ class ParticleCode:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
         self._programs: dict[Any, tuple[cache.Program, Callable[[int], None]]] = {}
         self._rooms: dict[str, Array] = {}
+
+    @cached_property
+    def agrees(self) -> bool:
+        """Whether normal numbers are those of the NumPy that is here."""
+        layers, row = numpy_streams.layers(), np.zeros(1, dtype=np.int64)
+
+        def draw(state: Array, out: Array) -> None:
+            self.draw(RUNS=1, COUNT=out.size, row=row, state=state, out=out, NORMAL=1, layers=layers)
+
+        return numpy_streams.agrees(draw)
 
     def draw(self, **given: Any) -> None:
         """Draw numbers of streams."""
@@ -56,7 +67,7 @@ class ParticleCode:
         sensor = self.sensor
 
         def make() -> str:
-            model = SensorModel(sensor.space, sensor.state, sensor.measure, len(sensor.places), None, None, count)
+            model = SensorModel(sensor.space, sensor.state, sensor.measure, len(sensor.landmarks), None, None, count)
             return particle_programs.weighing(model, whitening, self.lanes)
 
         self._run(("weighing", whitening, count), make, particle_programs.WEIGHING, given)
@@ -67,14 +78,14 @@ class ParticleCode:
             self._rooms[name] = np.empty(size)
         return self._rooms[name][:size]
 
-    def common(self, count: int, rows: int, draws: "CompiledDraws | None", runs: int) -> dict[str, Any]:
+    def common(self, count: int, rows: int, generators: "CompiledGenerators | None", runs: int) -> dict[str, Any]:
         """What all programs over particles are given. rows: the most components of a vector."""
         present = np.ones(2 * EIGHT)
         present[EIGHT + count % EIGHT :] = 0.0
         return {
             "RUNS": runs, "COUNT": count, "present": present,
-            "row": np.arange(runs) if draws is None else draws.row,
-            "flags": np.empty((runs, EIGHT)) if draws is None else draws.flags,
+            "row": np.arange(runs) if generators is None else generators.row,
+            "flags": np.empty((runs, EIGHT)) if generators is None else generators.flags,
             "aside": self.room("aside", EIGHT * (3 * rows + 4)),
             "sums": self.room("sums", EIGHT * (rows * (rows + 3) // 2 + 2)),
         }  # fmt: skip
@@ -102,7 +113,7 @@ class ParticleCode:
         return particle_programs.summing(self.motion.space, self.lanes)
 
 
-class CompiledDraws(Draws):
+class CompiledGenerators(Generators):
     """Streams of runs that compiled code goes on with, to the same numbers as NumPy.
 
     state: (R, 4), where the streams stand. flags: (R, 8), not 0 where something of a run was beyond what the code is
@@ -113,13 +124,15 @@ class CompiledDraws(Draws):
         self.code, self.state, self.flags, self.row = code, state, flags, row
 
     @classmethod
-    def at_start(cls, code: ParticleCode, draws: Draws) -> "CompiledDraws":
-        """The streams where they stand, which stay there. Raises ValueError for streams that are not PCG64's."""
-        state = numpy_streams.states(draws.generators)
+    def at_start(cls, code: ParticleCode, generators: Generators) -> "CompiledGenerators":
+        """The streams where they stand, which stay there. Raises ValueError if code and NumPy draw differently."""
+        state = numpy_streams.states(generators.by_run)
+        if not code.agrees:
+            raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; take engine=numpy")
         return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
 
-    def of(self, runs: Array | slice) -> "CompiledDraws":
-        return CompiledDraws(self.code, self.state, self.flags, self.row[runs])
+    def take(self, runs: Array | slice) -> "CompiledGenerators":
+        return CompiledGenerators(self.code, self.state, self.flags, self.row[runs])
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         return self._numbers(shape, normal=1)

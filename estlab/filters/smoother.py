@@ -38,25 +38,25 @@ def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> t
     for k in range(mean.shape[1] - 1, 0, -1):
         link = links[k]
         if link is not None:
-            gain = _gain(link.after)
+            smoother_gain = _smoother_gain(link.after)
             step = space.minus(later.mean, link.after.mean)
-            before = space.plus(link.before.mean, matvec(gain, step))
-            shrunk = link.before.cov + sandwich(gain, later.cov - link.after.cov)
+            before = space.plus(link.before.mean, matvec(smoother_gain, step))
+            shrunk = link.before.cov + sandwich(smoother_gain, later.cov - link.after.cov)
             later = Gaussian(before, symmetric(shrunk))
         smoothed_mean[:, k - 1], smoothed_cov[:, :, k - 1] = later
     return smoothed_mean, smoothed_cov
 
 
-def _gain(after: Moments) -> Array:
+def _smoother_gain(after: Moments) -> Array:
     """C P^-1 (n, n, runs). Where P is singular so is C, and any generalised inverse will do."""
     factor = cholesky(after.cov)
     # C P^-1 = (L^-T L^-1 C')' with P = L L'
-    gain = transpose(solve_lower_transposed(factor, solve_lower(factor, transpose(after.cross))))
+    smoother_gain = transpose(solve_lower_transposed(factor, solve_lower(factor, transpose(after.cross))))
     every, slack = range(len(factor)), len(factor) * ROUNDING
     singular = np.asarray(factor[every, every] ** 2 <= slack * after.cov[every, every]).any(axis=0)
     if singular.any():
-        gain[..., singular] = matmul(after.cross[..., singular], _inverse(after.cov[..., singular], slack))
-    return gain
+        smoother_gain[..., singular] = matmul(after.cross[..., singular], _inverse(after.cov[..., singular], slack))
+    return smoother_gain
 
 
 def _inverse(cov: Array, slack: float) -> Array:

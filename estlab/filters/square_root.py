@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Fit, Prior, fit_of
+from estlab.filters.filter import Filter, Innovation, Prior, innovation_of
 from estlab.filters.gaussian import check_gate
-from estlab.maths.gaussian_belief import Gaussian, placed
+from estlab.maths.gaussian_belief import Gaussian, replaced
 from estlab.maths.linalg import (
     cholesky,
     gram,
@@ -21,7 +21,7 @@ from estlab.maths.linalg import (
 )
 from estlab.maths.sigma_points import Cubature, Scaled, SigmaPoints
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.maths.transforms import Function
 from estlab.models.contract import Motion, Sensor
 
@@ -32,13 +32,13 @@ class Root(NamedTuple):
     mean: Array
     factor: Array
 
-    def of(self, runs: Array) -> "Root":
+    def take(self, runs: Array) -> "Root":
         """The belief in some of the runs."""
         return Root(self.mean[..., runs], self.factor[..., runs])
 
-    def put(self, runs: Array, part: "Root") -> "Root":
+    def replaced(self, runs: Array, part: "Root") -> "Root":
         """The belief with those of some runs replaced."""
-        return Root(placed(self.mean, runs, part.mean), placed(self.factor, runs, part.factor))
+        return Root(replaced(self.mean, runs, part.mean), replaced(self.factor, runs, part.factor))
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class SquareRootFilter(Filter):
                 "alpha, beta and kappa give a point a negative weight, which no square root has; raise alpha or beta"
             )
 
-    def start(self, prior: Prior, draws: Draws) -> Root:
+    def start(self, prior: Prior, generators: Generators) -> Root:
         mean, cov = prior.fitted()
         n, runs = mean.shape
         return Root(mean, np.broadcast_to(cholesky(cov).reshape(n, n, -1), (n, n, runs)))
@@ -74,22 +74,22 @@ class SquareRootFilter(Filter):
         noise = matmul(motion.noise_jacobian(belief.mean, control, dt), cholesky(motion.noise_cov(control, dt)))
         return Root(motion.space.wrapped(mean), triangle(np.concatenate([of_value, noise], axis=1)))
 
-    def update(self, sensor: Sensor, belief: Root, reading: Array, place: Array) -> tuple[Root, Fit]:
-        mean, of_state, of_value = self._deviations(sensor.function(place), belief)
+    def update(self, sensor: Sensor, belief: Root, reading: Array, landmark: Array) -> tuple[Root, Innovation]:
+        mean, of_state, of_value = self._deviations(sensor.function(landmark), belief)
         m, runs = reading.shape
         missing = np.isnan(reading)
         # A missing number gets no deviation and unit noise: it is independent of the state.
         of_value = np.where(missing[:, None], 0.0, of_value)
         noise = np.broadcast_to(cholesky(without(sensor.noise_cov, missing)), (m, m, runs))
-        residual = np.where(missing, 0.0, sensor.space.minus(reading, mean))
+        innovation = np.where(missing, 0.0, sensor.space.minus(reading, mean))
         factor = triangle(np.concatenate([of_value, noise], axis=1))
-        whitened = solve_lower(factor, residual[:, None])[:, 0]
-        gain = transpose(solve_lower_transposed(factor, solve_lower(factor, gram(of_value, of_state))))
-        found = fit_of(whitened, factor, missing, self.gate)
-        gain = np.where(found.gated, 0.0, gain)
-        step = matvec(gain, residual)
+        whitened = solve_lower(factor, innovation[:, None])[:, 0]
+        kalman_gain = transpose(solve_lower_transposed(factor, solve_lower(factor, gram(of_value, of_state))))
+        found = innovation_of(whitened, factor, missing, self.gate)
+        kalman_gain = np.where(found.gated, 0.0, kalman_gain)
+        step = matvec(kalman_gain, innovation)
         # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
-        rest = triangle(np.concatenate([of_state - matmul(gain, of_value), matmul(gain, noise)], axis=1))
+        rest = triangle(np.concatenate([of_state - matmul(kalman_gain, of_value), matmul(kalman_gain, noise)], axis=1))
         updated = Root(sensor.state.plus(belief.mean, step), np.where(found.gated, belief.factor, rest))
         return updated, found
 

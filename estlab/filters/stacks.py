@@ -12,14 +12,14 @@ from estlab.record import Readings
 class Stack:
     """Readings of ``count`` slots each.
 
-    step: (K,). values: (count * m, K, runs), NaN where a slot is empty. target: (count, K, runs).
+    step: (K,). values: (count * m, K, runs), NaN where a slot is empty. landmark_number: (count, K, runs).
     reading, slot: which of the stacked, and which slot, each of the original readings (N,) is in.
     """
 
     count: int
     step: Array
     values: Array
-    target: Array
+    landmark_number: Array
     reading: Array
     slot: Array
 
@@ -33,8 +33,8 @@ def one_by_one(readings: Readings, runs: int) -> Stack:
     """Each reading by itself, for the first runs."""
     every = np.arange(readings.step.size)
     values = np.ascontiguousarray(readings.values[:, :, :runs], dtype=float)
-    target = np.ascontiguousarray(readings.target[None, :, :runs], dtype=np.int64)
-    return Stack(1, readings.step, values, target, every, np.zeros_like(every))
+    landmark_number = np.ascontiguousarray(readings.landmark_number[None, :, :runs], dtype=np.int64)
+    return Stack(1, readings.step, values, landmark_number, every, np.zeros_like(every))
 
 
 def stacked(readings: Readings, runs: int) -> Stack:
@@ -43,7 +43,7 @@ def stacked(readings: Readings, runs: int) -> Stack:
     slot = np.arange(reading.size) - np.searchsorted(reading, reading)
     count, m = int(slot.max(initial=0)) + 1, readings.values.shape[0]
     values = np.full((count, m, step.size, runs), np.nan)
-    target = np.zeros((count, step.size, runs), dtype=np.int64)
+    landmark_number = np.zeros((count, step.size, runs), dtype=np.int64)
     values[slot, :, reading] = np.moveaxis(readings.values[:, :, :runs], 1, 0)
-    target[slot, reading] = readings.target[:, :runs]
-    return Stack(count, step, values.reshape(count * m, step.size, runs), target, reading, slot)
+    landmark_number[slot, reading] = readings.landmark_number[:, :runs]
+    return Stack(count, step, values.reshape(count * m, step.size, runs), landmark_number, reading, slot)

@@ -7,7 +7,7 @@ import numpy as np
 from estlab.maths import cloud
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.contract import Motion
 
 
@@ -25,15 +25,15 @@ class Step(NamedTuple):
     dt: float
 
     @classmethod
-    def drawn(cls, motion: Motion, before: Array, control: Array, dt: float, draws: Draws) -> "Step":
+    def drawn(cls, motion: Motion, before: Array, control: Array, dt: float, generators: Generators) -> "Step":
         """One whose noise is drawn."""
         factor = cholesky(motion.noise_cov(control, dt))
-        z = draws.normals((motion.noise_size, before.shape[1]))
+        z = generators.normals((motion.noise_size, before.shape[1]))
         return cls(motion, before, control, factor if factor.ndim > 2 else factor[..., None], z, dt)
 
-    def of(self, runs: Array | slice) -> "Step":
+    def take(self, runs: Array | slice) -> "Step":
         """The prediction in some of the runs."""
-        before, z = cloud.of(self.before, runs), cloud.of(self.z, runs)
+        before, z = cloud.take(self.before, runs), cloud.take(self.z, runs)
         return self._replace(before=before, control=own(self.control, runs), factor=own(self.factor, runs), z=z)
 
     def silent(self) -> "Step":
@@ -44,15 +44,15 @@ class Step(NamedTuple):
         """The points (n, N, runs) after it."""
         after = cloud.empty(*self.before.shape)
         for runs in cloud.groups(*after.shape[1:]):
-            self.of(runs)._move(after[..., runs])
+            self.take(runs)._move(after[..., runs])
         return after
 
     def _move(self, after: Array) -> None:
-        def piece(part: slice) -> None:
+        def move(part: slice) -> None:
             noise = cloud.combined(self.factor, self.z[:, part])
             cloud.fill(after[:, part], self.motion.move(self.before[:, part], self.control, noise, self.dt))
 
-        cloud.each(piece, after.shape[1])
+        cloud.each(move, after.shape[1])
 
 
 def own(values: Array, runs: Any) -> Array:

@@ -12,11 +12,11 @@ from estlab.models.contract import Motion
 class NoiseTable(NamedTuple):
     """Entries of process noise covariances, or of their factors, that are not zero in all of them.
 
-    places: (i, j), j <= i, of each entry. entries: (E, K, runs or 1). which: (T,) the row for each step; the last row
-    is that of a pause between readings.
+    positions: (i, j), j <= i, of each entry. entries: (E, K, runs or 1). which: (T,) the row for each step; the last
+    row is that of a pause between readings.
     """
 
-    places: tuple[tuple[int, int], ...]
+    positions: tuple[tuple[int, int], ...]
     entries: Array
     which: Array
 
@@ -29,8 +29,8 @@ def noise_table(motion: Motion, control: Array, lapse: Array, pause: float, fact
     i, j = np.tril_indices(motion.noise_size)
     lower = cov[i, j]
     used = (lower != 0.0).any(axis=(1, 2))  # which NaN is
-    places = tuple(zip(i[used].tolist(), j[used].tolist(), strict=True))
-    return NoiseTable(places, np.ascontiguousarray(lower[used]), which)
+    positions = tuple(zip(i[used].tolist(), j[used].tolist(), strict=True))
+    return NoiseTable(positions, np.ascontiguousarray(lower[used]), which)
 
 
 def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[Array, Array]:

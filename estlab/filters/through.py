@@ -7,8 +7,8 @@ import numpy as np
 
 from estlab.compiled import cache, kernels
 from estlab.compiled.model_graphs import MotionModel, SensorModel
-from estlab.compiled.pieces import Piece, Steps, slots
 from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
+from estlab.compiled.routines import Routine, Steps, slots
 from estlab.filters.filter import chi_square_quantile
 from estlab.filters.gaussian import DeadReckoning
 from estlab.filters.given import Given, Shape, Work
@@ -25,18 +25,18 @@ class Program:
 
     def __init__(self, work: Work, shape: Shape, smooth: bool) -> None:
         steps, gated = _steps(work, shape), getattr(work.filter, "gate", None) is not None
-        pieces: dict[str, Piece]
+        routines: dict[str, Routine]
         if smooth:
-            pieces = {"smooth": kernels.smooth(steps), "record": kernels.record(steps, gated=False)}
+            routines = {"smooth": kernels.smooth(steps), "record": kernels.record(steps, gated=False)}
         else:
-            pieces = {"predict": kernels.predict(steps), "update": kernels.update(steps)}
-            pieces["record"] = kernels.record(steps, gated)
+            routines = {"predict": kernels.predict(steps), "update": kernels.update(steps)}
+            routines["record"] = kernels.record(steps, gated)
             if work.scheme == "interleaved":
-                pieces["pause"] = kernels.predict(steps, paused=True)
-        coordinates = work.sensor.places.shape[0]
-        access = accesses(shape.lanes, shape.each_control, shape.each_noise, shape.each_place, coordinates)
+                routines["pause"] = kernels.predict(steps, paused=True)
+        coordinates = work.sensor.landmarks.shape[0]
+        access = accesses(shape.lanes, shape.each_control, shape.each_noise, shape.each_landmark, coordinates)
         self.lanes = shape.lanes
-        self.text = (smoothing if smooth else filtering)(pieces, access, steps.n, shape.lanes)
+        self.text = (smoothing if smooth else filtering)(routines, access, steps.n, shape.lanes)
         self.parameters = np.array([*steps.parameters.values, 0.0])
         self._program = cache.program(self.text)
         self._run = self._program.function("run")
@@ -51,13 +51,13 @@ class Program:
 
 def _steps(work: Work, shape: Shape) -> Steps:
     motion, sensor, gate = work.motion, work.sensor, getattr(work.filter, "gate", None)
-    m, coordinates = sensor.space.size, sensor.places.shape[0]
+    m, coordinates = sensor.space.size, sensor.landmarks.shape[0]
     cov = np.asarray(sensor.noise_cov, dtype=float)
     quantiles = np.full(m + 1, np.inf) if gate is None else chi_square_quantile(gate, np.arange(m + 1))
     return Steps(
         MotionModel(motion.space, motion.move, motion.noise_size, shape.controls, motion.jacobians, motion.hessians),
         SensorModel(
-            sensor.space, sensor.state, sensor.measure, coordinates, sensor.slope, sensor.hessians, shape.count
+            sensor.space, sensor.state, sensor.measure, coordinates, sensor.jacobian, sensor.hessians, shape.count
         ),
         work.method(),
         shape.noise,
@@ -82,14 +82,14 @@ class Through:
         mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
         gate = getattr(work.filter, "gate", None)
         self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)
-        bounds = Readings(given.stack.step, given.stack.values, given.stack.target).bounds(steps)
-        places, entries = np.ascontiguousarray(work.sensor.places, dtype=float), given.table.entries
+        bounds = Readings(given.stack.step, given.stack.values, given.stack.landmark_number).bounds(steps)
+        landmarks, entries = np.ascontiguousarray(work.sensor.landmarks, dtype=float), given.table.entries
         self.fields: dict[str, Any] = {
             "runs": runs, "first": 0, "last": steps, "steps": steps, "readings": given.stack.values.shape[1],
             "controls": given.control.shape[2], "noises": entries.shape[2], "parameter": program.parameters,
             "lapse": given.lapse, "control": given.control, "noise": entries, "which": given.table.which,
             "noise_rows": entries.shape[1], "bounds": bounds.astype(np.int64), "value": given.stack.values,
-            "target": given.stack.target, "place": places, "places": places.shape[1],
+            "landmark_number": given.stack.landmark_number, "landmark": landmarks, "landmarks": landmarks.shape[1],
             "pause": int(np.float64(given.pause).view(np.int64)), "at_rest": np.zeros(program.lanes),
             "belief": belief, "room": np.empty(room(n, program.lanes)), "mean": mean, "cov": cov,
             "whitened": whitened, "log_scale": log_scale, "gated": gated,

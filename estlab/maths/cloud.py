@@ -1,4 +1,4 @@
-"""Weighted points of many runs, gone through in pieces that stay in the cache.
+"""Weighted points of many runs, gone through in chunks that stay in the cache.
 
 A cloud is ``(n, N, runs)`` and its weights ``(N, runs)``. In memory each run's numbers of a component lie side by side,
 so that a sum over a run's points is taken in the same order whatever other runs there are: a run alone is, to the last
@@ -13,10 +13,10 @@ import numpy as np
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space
 
-# Numbers of one component in a piece: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
+# Numbers of one component in a chunk: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
 # many that calling NumPy costs little beside them. Of more numbers than these OpenBLAS shares a sum out among its
 # threads, and the order would be the machine's.
-PIECE = 10_000
+CHUNK = 10_000
 
 Part = TypeVar("Part")
 
@@ -39,14 +39,14 @@ def laid_out(points: Array) -> Array:
 
 
 def groups(count: int, runs: int) -> Iterator[slice]:
-    """Runs, so many at once that a component of their points is about a piece."""
-    together = max(1, PIECE // count)
+    """Runs, so many at once that a component of their points is about a chunk."""
+    together = max(1, CHUNK // count)
     return (slice(first, min(first + together, runs)) for first in range(0, runs, together))
 
 
 def each(work: Callable[[slice], Part], count: int) -> list[Part]:
-    """What the work gives of each piece of a run's points, in order; the pieces are the same whatever the runs are."""
-    return [work(slice(first, min(first + PIECE, count))) for first in range(0, count, PIECE)]
+    """What the work gives of each chunk of a run's points, in order; the chunks are the same whatever the runs are."""
+    return [work(slice(first, min(first + CHUNK, count))) for first in range(0, count, CHUNK)]
 
 
 def fill(room: Array, components: tuple[Any, ...]) -> None:
@@ -56,7 +56,7 @@ def fill(room: Array, components: tuple[Any, ...]) -> None:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Sums (*shape, runs) of the products of (*shape, N, runs), with N no more than a piece."""
+    """Sums (*shape, runs) of the products of (*shape, N, runs), with N no more than a chunk."""
     return np.vecdot(np.swapaxes(a, -1, -2), np.swapaxes(b, -1, -2))
 
 
@@ -130,12 +130,12 @@ def _moments(space: Space, points: Array, weights: Array) -> Gaussian:
     return Gaussian(about, cov)
 
 
-def of(values: Array, runs: Array | slice) -> Array:
+def take(values: Array, runs: Array | slice) -> Array:
     """Those of some of the runs: values (*shape, runs), each run's side by side."""
     return np.moveaxis(np.moveaxis(values, -1, -2)[..., runs, :], -2, -1)
 
 
-def put(values: Array, runs: Array, part: Array) -> Array:
+def replaced(values: Array, runs: Array, part: Array) -> Array:
     """A copy of (*shape, runs) with some of the runs replaced."""
     some = np.size(runs) < values.shape[-1]
     copy = values.copy(order="K") if some else np.empty_like(values)

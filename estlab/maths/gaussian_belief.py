@@ -4,32 +4,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.linalg import block_diagonal, cholesky, matmul, matvec
 from estlab.maths.space import Array, Space
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 
 
+@renamed(of="take", put="replaced")
 class Gaussian(NamedTuple):
     """Mean (n, *batch) and covariance (n, n, *batch)."""
 
     mean: Array
     cov: Array
 
-    def of(self, runs: Array) -> "Gaussian":
+    def take(self, runs: Array) -> "Gaussian":
         """The belief in some of the runs, for a covariance that has runs or none."""
         return Gaussian(self.mean[..., runs], self.cov[..., runs] if self.cov.ndim > 2 else self.cov)
 
-    def put(self, runs: Array, part: "Gaussian") -> "Gaussian":
+    def replaced(self, runs: Array, part: "Gaussian") -> "Gaussian":
         """The belief with those of some runs replaced."""
-        return Gaussian(placed(self.mean, runs, part.mean), placed(self.cov, runs, part.cov))
+        return Gaussian(replaced(self.mean, runs, part.mean), replaced(self.cov, runs, part.cov))
 
     def fitted(self) -> "Gaussian":
         """Itself: any prior can be asked for the Gaussian that stands for it."""
         return self
 
-    def sample(self, draws: Draws, count: int) -> Array:
+    def sample(self, generators: Generators, count: int) -> Array:
         """Points (n, count, *batch). Angles are not wrapped: the points spread about their mean."""
-        z = draws.normals((self.mean.shape[0], count))
+        z = generators.normals((self.mean.shape[0], count))
         return self.mean[:, None] + matmul(cholesky(self.cov), z)
 
     def joined(self, noise_cov: Array) -> "Gaussian":
@@ -44,7 +46,7 @@ def draw(space: Space, belief: Gaussian, standard_normal: Array) -> Array:
     return space.plus(belief.mean, matvec(cholesky(belief.cov), standard_normal))
 
 
-def placed(whole: Array, runs: Array, part: Array) -> Array:
+def replaced(whole: Array, runs: Array, part: Array) -> Array:
     """A copy of (*shape, runs) with some of the runs replaced."""
     copy = whole.copy()
     copy[..., runs] = part

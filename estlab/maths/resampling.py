@@ -6,7 +6,7 @@ import numpy as np
 
 from estlab.maths import cloud
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 
 Scheme = Literal["multinomial", "residual", "stratified", "systematic"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
@@ -27,13 +27,13 @@ class Weights(NamedTuple):
         log, linear = (cloud.even(count, runs, value) for value in (-np.log(count), 1.0 / count))
         return cls(log, linear, np.full(runs, float(count)), np.zeros(runs, dtype=bool))
 
-    def of(self, runs: Array) -> "Weights":
+    def take(self, runs: Array) -> "Weights":
         """Those of some of the runs."""
-        return Weights(cloud.of(self.log, runs), cloud.of(self.linear, runs), self.size[runs], self.vanished[runs])
+        return Weights(cloud.take(self.log, runs), cloud.take(self.linear, runs), self.size[runs], self.vanished[runs])
 
-    def put(self, runs: Array, part: "Weights") -> "Weights":
+    def replaced(self, runs: Array, part: "Weights") -> "Weights":
         """The weights with those of some runs replaced."""
-        return Weights(*(cloud.put(old, runs, new) for old, new in zip(self, part, strict=True)))
+        return Weights(*(cloud.replaced(old, runs, new) for old, new in zip(self, part, strict=True)))
 
     @classmethod
     def of_logs(cls, logs: Array) -> "Weights":
@@ -70,10 +70,10 @@ def _normalise(logs: Array, top: Array, linear: Array) -> Array:
     return total * total / squares
 
 
-def resample(scheme: Scheme, weights: Array, draws: Draws) -> Array:
+def resample(scheme: Scheme, weights: Array, generators: Generators) -> Array:
     """Indices (N, runs), each drawn N times its weight in the mean, with replacement; weights (N, runs)."""
     count, runs = weights.shape
-    u = draws.uniforms((1 if scheme == "systematic" else count,))
+    u = generators.uniforms((1 if scheme == "systematic" else count,))
     if scheme in ("systematic", "stratified"):
         return _one_a_stratum(weights, u)
     chosen = np.empty((runs, count), dtype=int).T

@@ -7,9 +7,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.space import Array
 
 
+@renamed(draws="generators")
 @dataclass(frozen=True)
 class Streams:
     """Independent streams keyed by seed, owner, purpose and run number.
@@ -29,45 +31,49 @@ class Streams:
 
     def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).normals(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).normals(shape))
 
-    def draws(self, purpose: str, runs: Iterable[int]) -> "Draws":
-        """The streams of several runs, to be drawn from as one goes along."""
-        return Draws(partial(self.generator, purpose), runs)
+    def generators(self, purpose: str, runs: Iterable[int]) -> "Generators":
+        """The generators of several runs, to be drawn from as one goes along."""
+        return Generators(partial(self.generator, purpose), runs)
 
     def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
-        return np.ascontiguousarray(self.draws(purpose, runs).uniforms(shape))
+        return np.ascontiguousarray(self.generators(purpose, runs).uniforms(shape))
 
 
-class Draws:
-    """Random numbers for a batch of runs, drawn step by step, each run from its own stream.
+@renamed(of="take")
+class Generators:
+    """Random number generators of a batch of runs, each of which draws from its own stream.
 
-    make: gives the stream of a run by its number. Streams are made when first drawn from, and some filters never do.
+    make: gives the generator of a run by its number. They are made when first drawn from, and some filters never do.
     """
 
     def __init__(self, make: Callable[[int], np.random.Generator], runs: Iterable[int]) -> None:
         self._make, self._runs = make, runs
 
     @cached_property
-    def generators(self) -> list[np.random.Generator]:
-        """The stream of each run."""
+    def by_run(self) -> list[np.random.Generator]:
+        """The generator of each run."""
         return [self._make(run) for run in self._runs]
 
-    def of(self, runs: Array) -> "Draws":
-        """The streams of some of the runs, by their place in this batch."""
-        return Draws(self.generators.__getitem__, runs)
+    def take(self, runs: Array) -> "Generators":
+        """The generators of some of the runs, by their index in this batch."""
+        return Generators(self.by_run.__getitem__, runs)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""
-        numbers = np.empty((len(self.generators), *shape))
-        for k, generator in enumerate(self.generators):
+        numbers = np.empty((len(self.by_run), *shape))
+        for k, generator in enumerate(self.by_run):
             generator.standard_normal(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)
 
     def uniforms(self, shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run's side by side in memory."""
-        numbers = np.empty((len(self.generators), *shape))
-        for k, generator in enumerate(self.generators):
+        numbers = np.empty((len(self.by_run), *shape))
+        for k, generator in enumerate(self.by_run):
             generator.random(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)
+
+
+Draws = Generators  # its earlier name, for plugins

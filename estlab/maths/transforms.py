@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import gram, matmul, matvec, summed, symmetric, transpose
@@ -16,31 +17,33 @@ from estlab.maths.space import Array, Space
 from estlab.maths.stacking import Rows, matrix, through
 
 
+@renamed(slope="jacobian", slope_rows="jacobian_rows", curvature="hessians")
 @dataclass(frozen=True)
 class Function:
     """A model with everything but its argument fixed.
 
     evaluate: (n, *batch) -> (m, *batch), the batch having any number of points, first, or none. space: of the values.
-    jacobian: (n, *batch) -> m rows of n components; hessian: (n, *batch) -> (m, n, n, *batch); None for differences.
+    stated_jacobian: (n, *batch) -> m rows of n components; stated_hessians: (n, *batch) -> (m, n, n, *batch); None:
+    by differences.
     """
 
     evaluate: Callable[[Array], Array]
     space: Space
-    jacobian: Callable[[Array], Rows] | None = None
-    hessian: Callable[[Array], Array] | None = None
+    stated_jacobian: Callable[[Array], Rows] | None = None
+    stated_hessians: Callable[[Array], Array] | None = None
 
-    def slope(self, at: Array) -> Array:
+    def jacobian(self, at: Array) -> Array:
         """The Jacobian (m, n, *batch), stated or by differences."""
-        rows = self.slope_rows(at)
+        rows = self.jacobian_rows(at)
         return rows if isinstance(rows, np.ndarray) else matrix(rows, at.shape[1:])
 
-    def slope_rows(self, at: Array) -> Rows:
+    def jacobian_rows(self, at: Array) -> Rows:
         """Rows of the Jacobian, stated or by differences."""
-        return jacobian(self.evaluate, at, self.space) if self.jacobian is None else self.jacobian(at)
+        return jacobian(self.evaluate, at, self.space) if self.stated_jacobian is None else self.stated_jacobian(at)
 
-    def curvature(self, at: Array) -> Array:
+    def hessians(self, at: Array) -> Array:
         """The Hessians (m, n, n, *batch), stated or by differences."""
-        return hessian(self.evaluate, at, self.space) if self.hessian is None else self.hessian(at)
+        return hessian(self.evaluate, at, self.space) if self.stated_hessians is None else self.stated_hessians(at)
 
 
 class Moments(NamedTuple):
@@ -75,7 +78,7 @@ class Linearised:
 
     def about(self, function: Function, belief: Gaussian, at: Array, offset: Array | None) -> Moments:
         """Expansion about a point (n, *batch), from which the mean lies at this offset (n, *batch), or not at all."""
-        rows, batch = function.slope_rows(at), at.shape[1:]
+        rows, batch = function.jacobian_rows(at), at.shape[1:]
         carried, cov = through(rows, belief.cov, batch)
         mean = function.evaluate(at)
         if offset is not None:
@@ -100,7 +103,7 @@ class SecondOrder:
     def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
         mean, cov, cross = Linearised()(function, belief)
         m, n = mean.shape[0], belief.mean.shape[0]
-        bent = np.stack([matmul(part, belief.cov) for part in function.curvature(belief.mean)])
+        bent = np.stack([matmul(part, belief.cov) for part in function.hessians(belief.mean)])
         bias = 0.5 * summed(np.stack([bent[:, i, i] for i in range(n)], axis=1), 1)
         if self.form == "gaussian":
             flat, across = (

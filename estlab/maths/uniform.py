@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 
 
+@renamed(of="take")
 class Uniform(NamedTuple):
     """Uniform over the box from low (n,) to high (n,), the same for each of the runs."""
 
@@ -16,7 +18,7 @@ class Uniform(NamedTuple):
     high: Array
     runs: int
 
-    def of(self, runs: Array) -> "Uniform":
+    def take(self, runs: Array) -> "Uniform":
         """The same in some of the runs."""
         return self._replace(runs=runs.size)
 
@@ -25,7 +27,7 @@ class Uniform(NamedTuple):
         mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)
         return Gaussian(mean, np.diag((self.high - self.low) ** 2 / 12.0))
 
-    def sample(self, draws: Draws, count: int) -> Array:
+    def sample(self, generators: Generators, count: int) -> Array:
         """Points (n, count, runs)."""
         width = (self.high - self.low)[:, None, None]
-        return self.low[:, None, None] + width * draws.uniforms((self.low.size, count))
+        return self.low[:, None, None] + width * generators.uniforms((self.low.size, count))

@@ -44,18 +44,18 @@ def posterior_bound(record: Record, motion: Motion, sensor: Sensor) -> Array:
     bound = np.empty((n, n, steps))
     state = record.origin
     functions = _functions(motion.space, state)
-    # dx/dv (p, n, runs) along directions that are kept such that their information is the identity.
-    slopes = _of_start(record, state)
+    # Jacobians dx/dv (p, n, runs) along directions that are kept such that their information is the identity.
+    jacobians = _of_start(record, state)
     for k in range(steps):
         if lapse[k] > 0.0:
-            slopes = _moved(slopes, functions, motion, state, record.control[:, k], float(lapse[k]))
+            jacobians = _moved(jacobians, functions, motion, state, record.control[:, k], float(lapse[k]))
         state = record.truth[:, k]
-        seen = [_of_reading(slopes, record, sensor, state, i) for i in range(bounds[k], bounds[k + 1])]
-        slopes = _informed(slopes, seen)
-        mean = slopes.mean(axis=2)
+        seen = [_of_reading(jacobians, record, sensor, state, i) for i in range(bounds[k], bounds[k + 1])]
+        jacobians = _informed(jacobians, seen)
+        mean = jacobians.mean(axis=2)
         bound[:, :, k] = mean.T @ mean
         functions = _functions(motion.space, state)
-        slopes = _condensed(slopes, functions)
+        jacobians = _condensed(jacobians, functions)
     return bound
 
 
@@ -73,39 +73,39 @@ def _functions(space: Space, state: Array) -> Array:
     return np.sqrt(state.shape[1]) * _basis(raw)
 
 
-def _moved(slopes: Array, functions: Array, motion: Motion, state: Array, control: Array, lapse: float) -> Array:
+def _moved(jacobians: Array, functions: Array, motion: Motion, state: Array, control: Array, lapse: float) -> Array:
     """Over a step, which adds the directions of its noise."""
-    in_state = motion.function(control, lapse).slope(state)
+    in_state = motion.function(control, lapse).jacobian(state)
     in_noise = matmul(motion.noise_jacobian(state, control, lapse), _root(motion.noise_cov(control, lapse)))
     fresh = np.einsum("ar,iqr->aqir", functions, in_noise).reshape(len(functions) * motion.noise_size, *state.shape)
-    return np.concatenate([np.einsum("ijr,pjr->pir", in_state, slopes), fresh])
+    return np.concatenate([np.einsum("ijr,pjr->pir", in_state, jacobians), fresh])
 
 
-def _of_reading(slopes: Array, record: Record, sensor: Sensor, state: Array, i: int) -> Array:
+def _of_reading(jacobians: Array, record: Record, sensor: Sensor, state: Array, i: int) -> Array:
     """L^-1 H dx/dv of reading i, with R = L L': (p, m * runs), zero for what is missing."""
     missing = np.isnan(record.readings.values[:, i])
-    place = sensor.place(record.readings.target[i])
-    slope = np.where(missing[:, None], 0.0, sensor.function(place).slope(state))
-    whitened = solve_lower(cholesky(without(sensor.noise_cov, missing)), slope)
-    return np.einsum("mir,pir->pmr", whitened, slopes).reshape(slopes.shape[0], record.runs * len(whitened))
+    landmark = sensor.landmark(record.readings.landmark_number[i])
+    jacobian = np.where(missing[:, None], 0.0, sensor.function(landmark).jacobian(state))
+    whitened = solve_lower(cholesky(without(sensor.noise_cov, missing)), jacobian)
+    return np.einsum("mir,pir->pmr", whitened, jacobians).reshape(jacobians.shape[0], record.runs * len(whitened))
 
 
-def _informed(slopes: Array, seen: list[Array]) -> Array:
+def _informed(jacobians: Array, seen: list[Array]) -> Array:
     """Along directions scaled anew, so that their information is the identity again."""
-    size, n, runs = slopes.shape
+    size, n, runs = jacobians.shape
     # The information is R'R, and is never formed: squares of readings 1e8 times as good as the start would hide the 1.
     stacked = np.concatenate([np.eye(size), *(part.T / np.sqrt(runs) for part in seen if part.any())])
-    scaled = np.linalg.solve(np.asarray(np.linalg.qr(stacked, mode="r")).T, slopes.reshape(size, n * runs))
-    return np.asarray(scaled.reshape(slopes.shape))
+    scaled = np.linalg.solve(np.asarray(np.linalg.qr(stacked, mode="r")).T, jacobians.reshape(size, n * runs))
+    return np.asarray(scaled.reshape(jacobians.shape))
 
 
-def _condensed(slopes: Array, functions: Array) -> Array:
+def _condensed(jacobians: Array, functions: Array) -> Array:
     """Along as many directions as it takes to bound the state times each of the functions (a, runs): a n or fewer."""
-    size, n, runs = slopes.shape
-    aims = (slopes.reshape(size * n, runs) @ functions.T).reshape(size, n * len(functions)).T
+    size, n, runs = jacobians.shape
+    aims = (jacobians.reshape(size * n, runs) @ functions.T).reshape(size, n * len(functions)).T
     length = np.linalg.norm(aims, axis=1, keepdims=True)
     basis = _basis(aims / np.where(length > 0.0, length, 1.0))
-    return np.asarray((basis @ slopes.reshape(size, n * runs)).reshape(len(basis), n, runs))
+    return np.asarray((basis @ jacobians.reshape(size, n * runs)).reshape(len(basis), n, runs))
 
 
 def _basis(rows: Array) -> Array:

@@ -27,7 +27,7 @@ Columns = dict[str, Array]
 ERRORS = "errors"  # the group of metrics that no run does without
 
 
-class Row(NamedTuple):
+class MetricRow(NamedTuple):
     """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval.
 
     Of what a test judges (anees, anis, normalised_bias, innovation_correlation) the interval is the test's.
@@ -42,25 +42,25 @@ class Row(NamedTuple):
     n: int
 
 
-def _row(metric: str, component: str, unit: str, found: Estimate) -> Row:
-    return Row(metric, component, unit, found.value, found.low, found.high, found.n)
+def _row(metric: str, component: str, unit: str, found: Estimate) -> MetricRow:
+    return MetricRow(metric, component, unit, found.value, found.low, found.high, found.n)
 
 
-def _count(metric: str, unit: str, value: float, n: int) -> Row:
-    return Row(metric, "all", unit, value, np.nan, np.nan, n)
+def _count(metric: str, unit: str, value: float, n: int) -> MetricRow:
+    return MetricRow(metric, "all", unit, value, np.nan, np.nan, n)
 
 
-def metric_rows(tally: Tally, tests: Sequence[Test], verdict: Verdict, bound: Array | None = None) -> list[Row]:
+def metric_rows(tally: Tally, tests: Sequence[Test], verdict: Verdict, bound: Array | None = None) -> list[MetricRow]:
     """Every figure of an ensemble but its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
     return [row for make in metric_groups(tally, tests, verdict, bound).values() for row in make()]
 
 
 def metric_groups(
     tally: Tally, tests: Sequence[Test], verdict: Verdict | None, bound: Array | None = None
-) -> dict[str, Callable[[], list[Row]]]:
+) -> dict[str, Callable[[], list[MetricRow]]]:
     """The same in groups, by name, each made when it is called; without a verdict there is no row of it."""
 
-    def made(rows: Callable[[], Iterable[Row]]) -> Callable[[], list[Row]]:
+    def made(rows: Callable[[], Iterable[MetricRow]]) -> Callable[[], list[MetricRow]]:
         return quietly(lambda: [_unsure(row) if tally.repeated else row for row in rows()])
 
     return {
@@ -77,21 +77,21 @@ def metric_groups(
     }
 
 
-def _unsure(row: Row) -> Row:
+def _unsure(row: MetricRow) -> MetricRow:
     return row._replace(ci_low=np.nan, ci_high=np.nan)
 
 
-def _diverged(tally: Tally) -> Iterator[Row]:
+def _diverged(tally: Tally) -> Iterator[MetricRow]:
     for cause in CAUSES:
         yield _count(cause, "runs", tally.diverged[cause], tally.runs)
     yield _count("diverged", "runs", sum(tally.diverged.values()), tally.runs)
 
 
-def _verdict(tally: Tally, verdict: Verdict) -> Row:
-    return Row("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs)
+def _verdict(tally: Tally, verdict: Verdict) -> MetricRow:
+    return MetricRow("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs)
 
 
-def _errors(tally: Tally) -> Iterator[Row]:
+def _errors(tally: Tally) -> Iterator[MetricRow]:
     space, moments = tally.space, tally.moments
     each = list(enumerate(zip(space.names, space.units, strict=True)))
     for metric, square in (("rmse", "mean_square"), ("rmse_converged", "mean_square_converged")):
@@ -117,7 +117,7 @@ def _errors(tally: Tally) -> Iterator[Row]:
         yield _row("scored", "position", "", _clipped(mean_interval(moments["position_scored"])))
 
 
-def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[Row]:
+def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[MetricRow]:
     """What tests judge, with the intervals by which they do; of fewer runs than a test needs, without one."""
     if not by:  # they could not be made, and without them there is no saying how sure these are
         return
@@ -141,26 +141,26 @@ def _level(test: Test) -> float:
     return test.level if np.isfinite(test.level) else LEVEL
 
 
-def _all_components(tally: Tally) -> Iterator[Row]:
+def _all_components(tally: Tally) -> Iterator[MetricRow]:
     moments = tally.moments
     yield _row("inside_3sigma", "all", "", time_share_interval(moments["inside"].at(2, tally.space.size)))
     yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
 
 
-def _credibility(tally: Tally) -> Iterator[Row]:
+def _credibility(tally: Tally) -> Iterator[MetricRow]:
     if not tally.repeated and not tally.sampled:
         index, inclination = credibility(*tally.first)
         yield _row("noncredibility", "all", "dB", index)
         yield _row("inclination", "all", "dB", inclination)
 
 
-def _innovations(tally: Tally) -> Iterator[Row]:
+def _innovations(tally: Tally) -> Iterator[MetricRow]:
     moments = tally.moments
     if int(moments["anis"].count):
         yield _row("loglik", "all", "nat", mean_interval(moments["loglik"]))
 
 
-def _efficiency(tally: Tally, bound: Array | None) -> Iterator[Row]:
+def _efficiency(tally: Tally, bound: Array | None) -> Iterator[MetricRow]:
     """Bound over RMSE: at most one but for chance. Its interval is that of the RMSE.
 
     None where runs broke: their RMSE is of the steps before, and the bound of all.
@@ -175,17 +175,17 @@ def _efficiency(tally: Tally, bound: Array | None) -> Iterator[Row]:
     for name, least, moments in parts:
         found, root = positive_interval(moments), np.sqrt(least.mean())
         value, low, high = (float(root / np.sqrt(x)) for x in (found.value, found.high, found.low))
-        yield Row("efficiency", name, "", value, low, high, found.n)
+        yield MetricRow("efficiency", name, "", value, low, high, found.n)
 
 
-def _found(tally: Tally) -> Iterator[Row]:
+def _found(tally: Tally) -> Iterator[MetricRow]:
     if "found" in tally.moments:
         share = tally.moments["found"]
         yield _row("found", "position", "", share_interval(float(share.mean[0]), int(share.count)))
         yield _row("found_time", "position", "s", mean_interval(tally.moments["found_time"]))
 
 
-def _noted(tally: Tally) -> Iterator[Row]:
+def _noted(tally: Tally) -> Iterator[MetricRow]:
     for name in ("gated", "vanished"):
         if (noted := tally.sums.get(f"note_{name}")) is not None and noted.any():
             yield _count(name, "readings", int(noted.sum()), tally.runs)

@@ -35,15 +35,14 @@ def kind(value: Any) -> str:
         return f"a {type(value).__name__} of {len(value)}"
     if isinstance(value, bool | int | float | np.number):
         return f"the number {value}"
-    name = type(value).__name__
-    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
+    return _a(type(value).__name__)
 
 
 def instance(where: str, what: str, value: Any, wanted: type) -> Any:
     """The value, which must be of this class. what: with its verb, such as "space is"."""
     if not isinstance(value, wanted):
         missing = "; is a return missing?" if value is None and what == "returned" else ""
-        refuse(where, f"{what} {kind(value)}; must be a {wanted.__name__}{missing}")
+        refuse(where, f"{what} {kind(value)}; must be {_a(wanted.__name__)}{missing}")
     return value
 
 
@@ -164,3 +163,8 @@ def _first(where: Array, values: Array) -> tuple[list[int], str]:
     """The first place that is marked, and the number there."""
     place = [int(i) for i in np.argwhere(where)[0]]
     return place, f"{values[tuple(place)]:g}"
+
+
+def _a(name: str) -> str:
+    """A name with its article."""
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"

@@ -53,12 +53,12 @@ def coast_hessians(state: Array, control: Array, dt: float) -> tuple[Rows, ...]:
     )
 
 
-def fix(state: Array, place: Array) -> Components:
+def fix(state: Array, landmark: Array) -> Components:
     """The position [cm]."""
     x, y, _, _ = state
     return x, y
 
 
-def fix_slope(state: Array, place: Array) -> Rows:
+def fix_jacobian(state: Array, landmark: Array) -> Rows:
     """Rows of the derivative of :func:`fix` in the state."""
     return (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)

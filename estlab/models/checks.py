@@ -53,13 +53,13 @@ def check_sensor(where: str, sensor: Any, state: Space) -> Sensor:
     instance(where, "returned", sensor, Sensor)
     check_space(f"{where}: space", sensor.space, 0)
     _same_space(where, "state", sensor.state, state)
-    for field in ("measure", "slope", "hessians"):
+    for field in ("measure", "jacobian", "hessians"):
         _callable(where, field, getattr(sensor, field), optional=field != "measure")
     m = sensor.space.size
     covariance(where, "noise_cov is", sensor.noise_cov, (m, m))
-    if not isinstance(sensor.places, np.ndarray) or sensor.places.ndim != 2:
+    if not isinstance(sensor.landmarks, np.ndarray) or sensor.landmarks.ndim != 2:
         refuse(
-            where, "places must be an array (p, number of places), such as np.empty((0, 1)) where there is no choice"
+            where, "landmarks must be an array (p, number of them), such as np.empty((0, 1)) where there is no choice"
         )
     return sensor
 
@@ -113,35 +113,36 @@ def try_motion(where: str, motion: Motion, begin: Gaussian, control: Array, laps
 
 
 @quietly
-def try_sensor(where: str, sensor: Sensor, begin: Gaussian, place: Array) -> None:
+def try_sensor(where: str, sensor: Sensor, begin: Gaussian, landmark: Array) -> None:
     """Raise AnswerError unless the sensor answers as it must where a belief is.
 
-    begin: mean (n, runs), cov (n, n). place: (p, runs), what the readings are about.
+    begin: mean (n, runs), cov (n, n). landmark: (p, runs), what the readings are about.
     """
     at = _Start(sensor.state, begin)
-    place = place[:, : at.runs]
+    landmark = landmark[:, : at.runs]
     role, names = named(sensor.measure, "measure"), sensor.space.names
 
     def read(state: Array, about: Array) -> Array:
         value = unchanged(where, role, sensor.measure, state, about)
         return components(where, f"{role} returned", value, names, state.shape[1:])
 
-    first = read(at.mean[:, 0], place[:, 0])
-    alone = np.stack([read(point, place[:, 0]) for point in at.points[..., 0].T], axis=1)
+    first = read(at.mean[:, 0], landmark[:, 0])
+    alone = np.stack([read(point, landmark[:, 0]) for point in at.points[..., 0].T], axis=1)
     if not np.isfinite(np.column_stack([first, alone])).all(axis=0).any():
         _finite(where, f"{role} returned", first, names, at)
-    _alike(where, role, read(at.points, place)[..., 0], alone, names)
-    _alike(where, role, read(at.mean, place)[:, :1], first[:, None], names)
-    if sensor.slope is not None:
-        role, slope = named(sensor.slope, "slope"), sensor.slope
+    _alike(where, role, read(at.points, landmark)[..., 0], alone, names)
+    _alike(where, role, read(at.mean, landmark)[:, :1], first[:, None], names)
+    if sensor.jacobian is not None:
+        role, jacobian = named(sensor.jacobian, "jacobian"), sensor.jacobian
         m, n = sensor.space.size, sensor.state.size
-        for state, about in ((at.mean[:, 0], place[:, 0]), (at.mean, place)):
-            rows(where, f"{role} returned", unchanged(where, role, slope, state, about), m, n, state.shape[1:])
-        function = sensor.function(place[:, 0])
-        pairs = [(function.slope(x), replace(function, jacobian=None).slope(x), function.evaluate(x)) for x in at.near]
+        for state, about in ((at.mean[:, 0], landmark[:, 0]), (at.mean, landmark)):
+            rows(where, f"{role} returned", unchanged(where, role, jacobian, state, about), m, n, state.shape[1:])
+        function = sensor.function(landmark[:, 0])
+        differenced = replace(function, stated_jacobian=None)
+        pairs = [(function.jacobian(x), differenced.jacobian(x), function.evaluate(x)) for x in at.near]
         _agree(where, role, pairs, at, names, sensor.state.names)
     if sensor.hessians is not None:
-        value = unchanged(where, "hessians", sensor.hessians, at.mean[:, 0], place[:, 0])
+        value = unchanged(where, "hessians", sensor.hessians, at.mean[:, 0], landmark[:, 0])
         _try_hessians(where, named(sensor.hessians, "hessians"), value, names, at)
 
 
@@ -186,7 +187,7 @@ def _try_jacobians(where: str, motion: Motion, at: _Start, control: Array, dt: f
     by_differences, command = replace(motion, jacobians=None), control[:, 0]
     names, noises = motion.space.names, [f"noise {i}" for i in range(q)]
     stated, found = motion.function(command, dt), by_differences.function(command, dt)
-    pairs = [(stated.slope(x), found.slope(x), found.evaluate(x)) for x in at.near]
+    pairs = [(stated.jacobian(x), found.jacobian(x), found.evaluate(x)) for x in at.near]
     _agree(where, role, pairs, at, names, names)
     pairs = [
         (motion.noise_jacobian(x, command, dt), by_differences.noise_jacobian(x, command, dt), found.evaluate(x))

@@ -13,16 +13,18 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled.exact import Exact, exact
+from estlab.earlier_names import renamed
 from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.space import Array, Space
 from estlab.maths.stacking import Components, Rows, matrix, stacked
 from estlab.maths.transforms import Function
 
 Jacobians = Callable[[Array, Array, float], tuple[Rows, Rows]]
-Slope = Callable[[Array, Array], Rows]
+Jacobian = Callable[[Array, Array], Rows]
 Hessians = Callable[..., Sequence[Rows] | None]
 
 
+@renamed(line="unrolled")
 @dataclass(frozen=True)
 class Motion:
     """x[k] = move(x[k-1], u[k], w[k], dt) with w ~ N(0, noise_cov(u, dt)).
@@ -43,8 +45,8 @@ class Motion:
     hessians: Callable[[Array, Array, float], tuple[Rows, ...]] | None = None
 
     @cached_property
-    def line(self) -> Space:
-        """The state's space with its angles unrolled: how values of ``move`` are subtracted from each other."""
+    def unrolled(self) -> Space:
+        """The state's space with its angles on a line: how values of ``move`` are subtracted from each other."""
         return replace(self.space, angles=())
 
     def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
@@ -63,16 +65,16 @@ class Motion:
         def evaluate(points: Array) -> Array:
             return self.step(points, control, silent, dt)
 
-        jacobians, hessians = self._derivatives(control)
-        curvature = None if hessians is None else _curvature(lambda x: hessians(x, control, dt), evaluate, self.line)
+        jacobians, rows = self._derivatives(control)
+        hessians = None if rows is None else _stacked_hessians(lambda x: rows(x, control, dt), evaluate, self.unrolled)
         if jacobians is None:
-            return Function(evaluate, self.line, None, curvature), lambda at: self.noise_jacobian(at, control, dt)
-        # Both derivatives are wanted at one state, and come together.
+            return Function(evaluate, self.unrolled, None, hessians), lambda at: self.noise_jacobian(at, control, dt)
+        # Both Jacobians are wanted at one state, and come together.
         both = _Latest(lambda state: jacobians(state, control, dt))
-        return Function(evaluate, self.line, lambda at: both(at)[0], curvature), lambda at: both(at)[1]
+        return Function(evaluate, self.unrolled, lambda at: both(at)[0], hessians), lambda at: both(at)[1]
 
     def _derivatives(self, control: Array) -> tuple[Jacobians | None, Hessians | None]:
-        """Both derivatives as they are stated, else exact ones; None where the motion cannot be traced."""
+        """Jacobians and Hessians as they are stated, else exact ones; None where the motion cannot be traced."""
         jacobians: Jacobians | None = self.jacobians
         hessians: Hessians | None = self.hessians
         silent = np.zeros(self.noise_size)
@@ -95,7 +97,7 @@ class Motion:
 
     def joint_function(self, control: Array, dt: float) -> Function:
         """The motion as a function of (state, noise)."""
-        n, slope, curvature = self.space.size, None, None
+        n, joint_jacobian, joint_hessians = self.space.size, None, None
 
         def evaluate(points: Array) -> Array:
             return self.step(points[:n], control, points[n:], dt)
@@ -103,120 +105,121 @@ class Motion:
         jacobians, traced = self._derivatives(control)[0], self._exact(len(control))
         if jacobians is not None:
 
-            def slope(joint: Array) -> Rows:
+            def joint_jacobian(joint: Array) -> Rows:
                 in_state, in_noise = jacobians(joint[:n], control, dt)
                 return [(*a, *b) for a, b in zip(in_state, in_noise, strict=True)]
 
         if traced is not None:
-            curvature = _curvature(
-                lambda joint: traced.hessians((0, 2), joint[:n], control, joint[n:], dt), evaluate, self.line
+            joint_hessians = _stacked_hessians(
+                lambda joint: traced.hessians((0, 2), joint[:n], control, joint[n:], dt), evaluate, self.unrolled
             )
-        return Function(evaluate, self.line, slope, curvature)
+        return Function(evaluate, self.unrolled, joint_jacobian, joint_hessians)
 
     def noise_jacobian(self, state: Array, control: Array, dt: float) -> Array:
         """dx/dw (n, q, *batch) at w = 0."""
         if (jacobians := self._derivatives(control)[0]) is not None:
             return matrix(jacobians(state, control, dt)[1], state.shape[1:])
         silent = np.zeros((self.noise_size, *state.shape[1:]))
-        return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.line)
+        return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.unrolled)
 
 
+@renamed(places="landmarks", slope="jacobian", place="landmark")
 @dataclass(frozen=True)
 class Sensor:
-    """z = measure(x, place) + v with v ~ N(0, noise_cov).
+    """z = measure(x, landmark) + v with v ~ N(0, noise_cov).
 
-    measure(state, place): components in, components out. space: of the readings. state: the space of the state.
+    measure(state, landmark): components in, components out. space: of the readings. state: the space of the state.
     noise_cov: (m, m).
-    places: (p, number of places), what a reading may be about, such as landmarks; (0, 1) where there is no choice.
-    slope(state, place): rows of dz/dx, or None as in Motion.
-    hessians(state, place): for each component of z, rows of its second derivative in x, or None likewise.
+    landmarks: (p, number of landmarks), what a reading may be about; (0, 1) where there is no choice.
+    jacobian(state, landmark): rows of dz/dx, or None as in Motion.
+    hessians(state, landmark): for each component of z, rows of its second derivative in x, or None likewise.
     """
 
     space: Space
     state: Space
     measure: Callable[[Array, Array], Components]
     noise_cov: Array
-    places: Array
-    slope: Callable[[Array, Array], Rows] | None = None
+    landmarks: Array
+    jacobian: Callable[[Array, Array], Rows] | None = None
     hessians: Callable[[Array, Array], tuple[Rows, ...]] | None = None
 
-    def place(self, target: Array) -> Array:
-        """The places (p, *target.shape) with these numbers."""
-        return self.places.take(target, axis=1)
+    def landmark(self, number: Array) -> Array:
+        """The landmarks (p, *number.shape) with these numbers."""
+        return self.landmarks.take(number, axis=1)
 
-    def read(self, state: Array, place: Array) -> Array:
+    def read(self, state: Array, landmark: Array) -> Array:
         """The reading (m, *batch) without noise."""
-        return stacked(self.measure(state, place), state.shape[1:])
+        return stacked(self.measure(state, landmark), state.shape[1:])
 
-    def function(self, place: Array) -> Function:
+    def function(self, landmark: Array) -> Function:
         """The sensor as a function of the state, without noise."""
-        slope, hessians = self._derivatives
-        derivative = None if slope is None else lambda state: slope(state, place)
+        jacobian, rows = self._derivatives
+        fixed = None if jacobian is None else lambda state: jacobian(state, landmark)
 
         def evaluate(points: Array) -> Array:
-            return self.read(points, place)
+            return self.read(points, landmark)
 
-        curvature = None if hessians is None else _curvature(lambda x: hessians(x, place), evaluate, self.space)
-        return Function(evaluate, self.space, derivative, curvature)
+        hessians = None if rows is None else _stacked_hessians(lambda x: rows(x, landmark), evaluate, self.space)
+        return Function(evaluate, self.space, fixed, hessians)
 
     @cached_property
-    def _derivatives(self) -> tuple[Slope | None, Hessians | None]:
-        """Both derivatives as they are stated, else exact ones; None where the sensor cannot be traced."""
-        slope: Slope | None = self.slope
+    def _derivatives(self) -> tuple[Jacobian | None, Hessians | None]:
+        """Jacobian and Hessians as they are stated, else exact ones; None where the sensor cannot be traced."""
+        jacobian: Jacobian | None = self.jacobian
         hessians: Hessians | None = self.hessians
-        sizes = self.state.size, len(self.places)
-        if (slope is None or hessians is None) and (
+        sizes = self.state.size, len(self.landmarks)
+        if (jacobian is None or hessians is None) and (
             traced := exact(self.measure, sizes, self.space.size, 0)
         ) is not None:
-            slope = slope or (lambda state, place: traced.jacobian((0,), state, place))
-            hessians = hessians or (lambda state, place: traced.hessians((0,), state, place))
-        return slope, hessians
+            jacobian = jacobian or (lambda state, landmark: traced.jacobian((0,), state, landmark))
+            hessians = hessians or (lambda state, landmark: traced.hessians((0,), state, landmark))
+        return jacobian, hessians
 
-    def joint_function(self, place: Array, n: int) -> Function:
+    def joint_function(self, landmark: Array, n: int) -> Function:
         """The sensor as a function of (state, noise), the noise added."""
         return Function(
-            lambda points: self.space.plus(self.read(points[:n], place), points[n:]),
+            lambda points: self.space.plus(self.read(points[:n], landmark), points[n:]),
             self.space,
-            self._joint_slope(place, n),
+            self._joint_jacobian(landmark, n),
         )
 
-    def _joint_slope(self, place: Array, n: int) -> Callable[[Array], Rows] | None:
+    def _joint_jacobian(self, landmark: Array, n: int) -> Callable[[Array], Rows] | None:
         rows = self._derivatives[0]
         if rows is None:
             return None
         identity = np.eye(self.space.size).tolist()
-        return lambda joint: [(*a, *b) for a, b in zip(rows(joint[:n], place), identity, strict=True)]
+        return lambda joint: [(*a, *b) for a, b in zip(rows(joint[:n], landmark), identity, strict=True)]
 
     @cached_property
     def _stacks(self) -> dict[int, "Sensor"]:
         return {}
 
     def times(self, count: int) -> "Sensor":
-        """The sensor that gives ``count`` readings at once, about the places (p, count, *batch)."""
+        """The sensor that gives ``count`` readings at once, about the landmarks (p, count, *batch)."""
         if count not in self._stacks:
-            slope, hessians = self._derivatives
+            jacobian, hessians = self._derivatives
             self._stacks[count] = replace(
                 self,
                 space=self.space.repeat(count),
-                measure=lambda state, place: _in_turn(self.measure, state, place),
+                measure=lambda state, landmark: _in_turn(self.measure, state, landmark),
                 noise_cov=np.kron(np.eye(count), self.noise_cov),
-                slope=None if slope is None else lambda state, place: _in_turn(slope, state, place),
-                hessians=None if hessians is None else lambda state, place: _in_turn(hessians, state, place),
+                jacobian=None if jacobian is None else lambda state, landmark: _in_turn(jacobian, state, landmark),
+                hessians=None if hessians is None else lambda state, landmark: _in_turn(hessians, state, landmark),
             )
         return self._stacks[count]
 
 
-def _curvature(
-    hessians: Callable[[Array], Any], evaluate: Callable[[Array], Array], space: Space
+def _stacked_hessians(
+    rows: Callable[[Array], Any], evaluate: Callable[[Array], Array], space: Space
 ) -> Callable[[Array], Array]:
-    """Second derivatives as one array (m, n, n, *batch), by differences where there are none."""
+    """Hessians as one array (m, n, n, *batch), by differences where there are none."""
 
-    def curvature(state: Array) -> Array:
-        if (found := hessians(state)) is None:
+    def hessians(state: Array) -> Array:
+        if (found := rows(state)) is None:
             return hessian(evaluate, state, space)
-        return np.stack([matrix(rows, state.shape[1:]) for rows in found])
+        return np.stack([matrix(one, state.shape[1:]) for one in found])
 
-    return curvature
+    return hessians
 
 
 class _Latest:
@@ -231,8 +234,8 @@ class _Latest:
         return self._answer
 
 
-def _in_turn(function: Callable[[Array, Array], Any], state: Array, place: Array) -> Any:
-    results: list[Any] = [function(state, place[:, k]) for k in range(place.shape[1])]
+def _in_turn(function: Callable[[Array, Array], Any], state: Array, landmark: Array) -> Any:
+    results: list[Any] = [function(state, landmark[:, k]) for k in range(landmark.shape[1])]
     if any(result is None for result in results):
         return None
     return tuple(part for result in results for part in result)

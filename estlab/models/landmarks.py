@@ -17,7 +17,7 @@ def range_bearing(pose: Array, landmark: Array) -> Components:
     return np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx) - heading
 
 
-def range_bearing_slope(pose: Array, landmark: Array) -> Rows:
+def range_bearing_jacobian(pose: Array, landmark: Array) -> Rows:
     """Rows of the derivative of :func:`range_bearing` in the pose."""
     x, y, _ = pose
     mark_x, mark_y = landmark
@@ -34,9 +34,9 @@ def bearing(pose: Array, landmark: Array) -> Components:
     return (np.arctan2(mark_y - y, mark_x - x) - heading,)
 
 
-def bearing_slope(pose: Array, landmark: Array) -> Rows:
+def bearing_jacobian(pose: Array, landmark: Array) -> Rows:
     """The row of the derivative of :func:`bearing` in the pose (H)."""
-    return (range_bearing_slope(pose, landmark)[1],)
+    return (range_bearing_jacobian(pose, landmark)[1],)
 
 
 def bearing_hessians(pose: Array, landmark: Array) -> tuple[Rows, ...]:

@@ -63,11 +63,11 @@ def nearest_ranges(pose: Array, beacons: Array) -> Components:
     return np.sqrt(first), np.sqrt(second), np.sqrt(third)
 
 
-def nearest_ranges_slope(pose: Array, beacons: Array) -> Rows:
+def nearest_ranges_jacobian(pose: Array, beacons: Array) -> Rows:
     """Rows of the derivative of :func:`nearest_ranges` in the pose, with the order of the beacons as it is there."""
     x, y, _ = pose
     away = np.stack([np.stack([x - mark_x, y - mark_y]) for mark_x, mark_y in beacons.T], axis=1)
     ranges = np.sqrt((away**2).sum(axis=0))
     order = np.argsort(ranges, axis=0)[:HEARD]
-    slopes = np.take_along_axis(away, order[None], axis=1) / np.take_along_axis(ranges, order, axis=0)
-    return tuple((slopes[0, i], slopes[1, i], 0.0) for i in range(HEARD))
+    jacobians = np.take_along_axis(away, order[None], axis=1) / np.take_along_axis(ranges, order, axis=0)
+    return tuple((jacobians[0, i], jacobians[1, i], 0.0) for i in range(HEARD))

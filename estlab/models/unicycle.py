@@ -35,7 +35,7 @@ def arc_jacobians(pose: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     shape = _sinc(half_turn)
     ahead, aside = way * shape * cos, way * shape * sin
     # What w does to the chord, and then to the heading at its middle.
-    bend, half = way * (0.5 * dt) * _sinc_slope(half_turn, shape), 0.5 * dt
+    bend, half = way * (0.5 * dt) * _sinc_derivative(half_turn, shape), 0.5 * dt
     in_pose = ((1.0, 0.0, -aside), (0.0, 1.0, ahead), (0.0, 0.0, 1.0))
     in_noise = (
         (dt * shape * cos, bend * cos - half * aside),
@@ -51,7 +51,7 @@ def _sinc(a: Array) -> Array:
     return np.sin(safe) / safe
 
 
-def _sinc_slope(a: Array, shape: Array) -> Array:
+def _sinc_derivative(a: Array, shape: Array) -> Array:
     """The derivative of shape = sin(a) / a."""
     square, safe = a * a, a + _LEAST
     series = a * (square * (1.0 / 30.0 - square * (1.0 / 840.0)) - 1.0 / 3.0)

@@ -65,7 +65,7 @@ def drive_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows
     return in_state, in_noise
 
 
-def extent(state: Array, place: Array) -> Components:
+def extent(state: Array, landmark: Array) -> Components:
     """From the origin: smallest and largest bearing [rad] of the corners, smallest range [m] to the edges.
 
     Bearings are taken about the rectangle's middle, so a car that stands across the cut at pi is still narrow.

@@ -18,8 +18,8 @@ _QUOTA = Path("/sys/fs/cgroup/cpu.max"), Path("/sys/fs/cgroup/cpu/cpu.cfs_quota_
 _PERIOD = Path("/sys/fs/cgroup/cpu/cpu.cfs_period_us")
 
 
-def processes(cores: int | None, pieces: int) -> int:
-    """How many processes share so many pieces of a job, this one included; cores: as many, None for those there are.
+def processes(cores: int | None, tasks: int) -> int:
+    """How many processes share so many tasks of a job, this one included; cores: as many, None for those there are.
 
     One where none can be started, or where this process is itself one of a pool that has the cores already.
     """
@@ -28,7 +28,7 @@ def processes(cores: int | None, pieces: int) -> int:
     pooled = multiprocessing.parent_process() is not None
     if multiprocessing.current_process().daemon or (cores is None and pooled):
         return 1
-    return max(1, min(cores or usable(), pieces))
+    return max(1, min(cores or usable(), tasks))
 
 
 def usable() -> int:

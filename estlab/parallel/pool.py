@@ -21,33 +21,34 @@ from estlab.parallel import cores, worker
 from estlab.parallel.signals import ENDING
 
 R = TypeVar("R")
-Work = Callable[[int, Callable[[], None]], R]
+OnStep = Callable[[], None]
+Work = Callable[[int, OnStep], R]
 
-_EVERY = 0.05  # seconds between looks at what workers say
-_AHEAD = 2  # pieces that a worker has at a time, so that it need not wait for this process to look up
+_EVERY = 0.05  # seconds between looks at what workers sent
+_AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for this process
 # Seconds of work left from which it pays to start workers that import everything, a quarter of a second each.
 _WORTH = 1.0
 
 
 class Workers(Generic[R]):
-    """Processes that share the pieces of a job with this one, each taking the next when it is done with one.
+    """Processes that share the tasks of a job with this one, each taking the next when it is done with one.
 
-    work: what is done to a piece, given its number and what to call after each step; results are pickled. pieces: their
+    work: what is done to a task, given its number and what to call after each step; results are pickled. tasks: their
     numbers; the first is this process's own. wanted: how many processes, this one included; None for as many as there
-    are cores and pieces, where they pay.
+    are cores and tasks, where they pay.
 
     A process of one thread is forked, which takes 5 ms: its workers begin at once. Else, and on other systems than
-    Linux, workers import everything, and unless they are wanted begin when the first piece has shown that they pay.
+    Linux, workers import everything, and unless they are wanted begin when the first task has shown that they pay.
     """
 
-    def __init__(self, work: Work[R], pieces: Sequence[int], wanted: int | None) -> None:
-        self._work, self.pieces, self._left = work, pieces, pieces[1:]
+    def __init__(self, work: Work[R], tasks: Sequence[int], wanted: int | None) -> None:
+        self._work, self.tasks, self._left = work, tasks, tasks[1:]
         self._processes: dict[Connection, BaseProcess] = {}
         self._given: Counter[Connection] = Counter()
         self._finished: list[tuple[int, R]] = []
         self._steps: Callable[[int], None] = lambda count: None
         self._heard = 0.0
-        self._most = cores.processes(wanted, len(pieces))
+        self._most = cores.processes(wanted, len(tasks))
         self.cores = 1  # processes at work, this one included
         self._forks = _can_fork()
         self._at_once = self._forks or wanted is not None
@@ -62,37 +63,37 @@ class Workers(Generic[R]):
         self._end(at_once=error is not None)
 
     def results(self, here: Work[R], steps: Callable[[int], None]) -> Iterator[tuple[int, R]]:
-        """The number and result of each piece, as they come.
+        """The number and result of each task, as they come.
 
-        here: the work as this process does it. steps: told how many were done, here or elsewhere.
+        here: the work as this process does it. steps: called with how many were done, here or elsewhere.
 
         Raises what the work raises, in whatever process, and WorkerLostError for a worker that ended.
         """
         self._steps = steps
-        for number in self.pieces[:1]:
+        for number in self.tasks[:1]:
             began = time.monotonic()
-            result = here(number, self._tick)
+            result = here(number, self._on_step)
             if self.cores == 1 and (time.monotonic() - began) * len(self._left) > _WORTH:
                 self._start()
             yield number, result
         while self._left or self._given.total() or self._finished:
-            # While a piece is done here, workers may have finished any number of theirs.
+            # While a task is done here, workers may have finished any number of theirs.
             if self._finished:
                 yield self._finished.pop(0)
             elif self._left:
                 number, self._left = self._left[0], self._left[1:]
-                yield number, here(number, self._tick)
+                yield number, here(number, self._on_step)
                 self._hear(0.0)
             else:
                 self._hear(None)
 
-    def _tick(self) -> None:
+    def _on_step(self) -> None:
         self._steps(1)
         if self._processes and time.monotonic() - self._heard > _EVERY:
             self._hear(0.0)
 
     def _start(self) -> None:
-        """Start the workers and give each of them pieces, the first of each before the second of any."""
+        """Start the workers and give each of them tasks, the first of each before the second of any."""
         if self._most == 1:
             return
         context: Any = multiprocessing.get_context("fork" if self._forks else "spawn")
@@ -124,29 +125,29 @@ class Workers(Generic[R]):
                 raise self._lost(end) from error
 
     def _hear(self, timeout: float | None) -> None:
-        """Take in what workers have to say, waiting for the first word as long as told."""
+        """Receive what workers send, waiting at most so long for the first message."""
         self._heard = time.monotonic()
         for end in wait(list(self._processes), timeout):
             assert isinstance(end, Connection)
             try:
-                what, said = end.recv()
+                kind, content = end.recv()
             except (EOFError, OSError) as error:
                 raise self._lost(end) from error
-            self._take(end, what, said)
+            self._receive(end, kind, content)
 
-    def _take(self, end: Connection, what: str, said: Any) -> None:
-        if what == worker.STEPS:
-            self._steps(said)
-        elif what == worker.DONE:
+    def _receive(self, end: Connection, kind: str, content: Any) -> None:
+        if kind == worker.STEPS:
+            self._steps(content)
+        elif kind == worker.DONE:
             self._given[end] -= 1
-            self._finished.append(said)
+            self._finished.append(content)
             self._give(end)
-        elif what == worker.FAILED:
-            raise pickle.loads(said)
-        elif what == worker.WARNING:
-            warnings.warn_explicit(**said)
-        elif what == worker.LOG and (logger := logging.getLogger(said.name)).isEnabledFor(said.levelno):
-            logger.handle(said)
+        elif kind == worker.FAILED:
+            raise pickle.loads(content)
+        elif kind == worker.WARNING:
+            warnings.warn_explicit(**content)
+        elif kind == worker.LOG and (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
+            logger.handle(content)
 
     def _lost(self, end: Connection) -> WorkerLostError:
         process = self._processes[end]

@@ -1,4 +1,4 @@
-"""What a worker process does: pieces of a job, as they are given to it, until it is told that nothing is left."""
+"""What a worker process does: tasks of a job, as they are given to it, until none is left."""
 
 import logging
 import logging.handlers
@@ -19,21 +19,21 @@ from estlab.parallel.signals import left_to_parent
 
 STEPS, DONE, FAILED, WARNING, LOG = "steps", "done", "failed", "warning", "log"
 
-_EVERY = 0.05  # seconds between words on how far it is
+_EVERY = 0.05  # seconds between messages on how far it is
 
 
 def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> None:
-    """Do the pieces whose numbers come and say what became of them. It ends when its parent does, however that ends."""
+    """Do the tasks whose numbers come and send what became of them. It ends when its parent does, however that ends."""
     left_to_parent()
     cores.keep_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    voice = _Voice(end)
-    voice.speak_for_the_process()
+    messages = _Messages(end)
+    messages.take_over_logging()
     while (number := _next(end)) is not None:
         try:
-            voice.say(DONE, (number, work(number, voice.tick)))
+            messages.send(DONE, (number, work(number, messages.on_step)))
         except (Exception, SystemExit) as error:
-            voice.say(FAILED, _portable(error))
+            messages.send(FAILED, _portable(error))
 
 
 def _next(end: Connection) -> int | None:
@@ -43,40 +43,40 @@ def _next(end: Connection) -> int | None:
         os._exit(1)  # the parent is gone
 
 
-class _Voice:
-    """What a worker says to its parent."""
+class _Messages:
+    """What a worker sends to its parent."""
 
     def __init__(self, end: Connection) -> None:
         self._end, self._count, self._last = end, 0, time.monotonic()
 
-    def say(self, what: str, said: Any) -> None:
-        """Say it, the steps done before it first. A worker that nobody hears ends."""
-        if what != STEPS:
-            self._say_steps()
-        message = pickle.dumps((what, said), pickle.HIGHEST_PROTOCOL)
+    def send(self, kind: str, content: Any) -> None:
+        """Send it, the steps done before it first. A worker without a parent ends."""
+        if kind != STEPS:
+            self._send_steps()
+        message = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
         try:
             self._end.send_bytes(message)
         except OSError:
             os._exit(1)
 
-    def tick(self) -> None:
+    def on_step(self) -> None:
         """Count a step."""
         self._count += 1
         if time.monotonic() - self._last > _EVERY:
-            self._say_steps()
+            self._send_steps()
 
-    def _say_steps(self) -> None:
+    def _send_steps(self) -> None:
         count, self._count, self._last = self._count, 0, time.monotonic()
         if count:
-            self.say(STEPS, count)
+            self.send(STEPS, count)
 
-    def speak_for_the_process(self) -> None:
+    def take_over_logging(self) -> None:
         """Warnings and what is logged go to the parent, which knows what to do with them."""
 
         def show(
             message: Any, category: Any, filename: str, lineno: int, file: object = None, line: object = None
         ) -> None:
-            self.say(WARNING, {"message": message, "category": category, "filename": filename, "lineno": lineno})
+            self.send(WARNING, {"message": message, "category": category, "filename": filename, "lineno": lineno})
 
         warnings.showwarning = show
         logging.getLogger().handlers = [_Handler(self)]
@@ -88,25 +88,25 @@ class _Voice:
 class _Handler(logging.handlers.QueueHandler):
     """Hands records on, their messages formatted so that they can be pickled."""
 
-    def __init__(self, voice: _Voice) -> None:
-        super().__init__(voice)  # type: ignore[arg-type]
-        self._voice = voice
+    def __init__(self, messages: _Messages) -> None:
+        super().__init__(messages)  # type: ignore[arg-type]
+        self._messages = messages
 
     def enqueue(self, record: logging.LogRecord) -> None:
-        self._voice.say(LOG, record)
+        self._messages.send(LOG, record)
 
 
 def _portable(error: BaseException) -> bytes:
-    """The error, with its traceback as a note, or what it says where it cannot be pickled."""
+    """The error, with its traceback as a note, or its message where it cannot be pickled."""
     error.add_note(f"in a worker process:\n{''.join(traceback.format_exception(error))}")
     error.frames_in_worker = frames(error)  # type: ignore[attr-defined]
     try:
         carried = pickle.dumps(error)
         pickle.loads(carried)
     except Exception:
-        said = RuntimeError(f"{type(error).__name__}: {error}")
-        said.frames_in_worker = frames(error)  # type: ignore[attr-defined]
-        return pickle.dumps(said)
+        plain = RuntimeError(f"{type(error).__name__}: {error}")
+        plain.frames_in_worker = frames(error)  # type: ignore[attr-defined]
+        return pickle.dumps(plain)
     return carried
 
 

@@ -7,15 +7,15 @@ from estlab.metrics.intervals import Estimate
 from estlab.report.contents import as_number
 from estlab.report.markup import Cell
 
-Row = Mapping[str, str]
+CsvRow = Mapping[str, str]
 
 
-def estimate(row: Row, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Estimate:
+def estimate(row: CsvRow, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Estimate:
     """The number and the interval in a row, NaN for what is not there."""
     return Estimate(as_number(row.get(value)), as_number(row.get(low)), as_number(row.get(high)), 0)
 
 
-def figure_cell(row: Row | None, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Cell:
+def figure_cell(row: CsvRow | None, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Cell:
     """A value, to as many digits as its interval has sense for; a count whole; a word as it is."""
     if row is None:
         return Cell("")
@@ -28,7 +28,7 @@ def figure_cell(row: Row | None, value: str = "value", low: str = "ci_low", high
     return Cell(figure(found, as_number(row.get("expected"))), found.value)
 
 
-def interval_cell(row: Row | None, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Cell:
+def interval_cell(row: CsvRow | None, value: str = "value", low: str = "ci_low", high: str = "ci_high") -> Cell:
     """Both ends of an interval, sorted by the lower."""
     if row is None:
         return Cell("")
@@ -37,7 +37,7 @@ def interval_cell(row: Row | None, value: str = "value", low: str = "ci_low", hi
     return Cell(shown, found.low) if found.low == found.low and found.high == found.high else Cell("")
 
 
-def share_cell(row: Row | None, value: str = "value") -> Cell:
+def share_cell(row: CsvRow | None, value: str = "value") -> Cell:
     """A share in per cent."""
     share = as_number(row.get(value)) if row else float("nan")
     return Cell("") if share != share else Cell(f"{100.0 * share:.1f} %", share)

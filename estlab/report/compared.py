@@ -1,13 +1,13 @@
 """What a comparison of runs shows: the metrics of each row, and the differences to one of them."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 
 from estlab.comparison.pairing import Pair
-from estlab.comparison.rows import Metric, Row
+from estlab.comparison.rows import ComparisonRow, Metric
 from estlab.errors import printable
 from estlab.metrics.digits import bracketed, figure, interval
+from estlab.report import csv_tables
 from estlab.report.grids import Grid
 
 _SPOKEN = {"rmse": "RMSE", "anees": "NEES / n", "anis": "NIS / m"}
@@ -15,7 +15,7 @@ _COUNTS = ("diverged", "lost", "not_finite", "not_definite")
 VERDICT: Metric = ("verdict", "all")
 
 
-def metrics_grid(rows: Sequence[Row], metrics: Sequence[Metric]) -> Grid:
+def metrics_grid(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> Grid:
     """A line a row: its number, label and metrics with their intervals; those that no row has are left out."""
     units = {metric: {row.metrics[metric].unit for row in rows if metric in row.metrics} for metric in metrics}
     headings = ["", "", *(_heading(metric, units[metric]) for metric in metrics)]
@@ -28,7 +28,7 @@ def metrics_grid(rows: Sequence[Row], metrics: Sequence[Metric]) -> Grid:
 
 
 def differences_grid(
-    rows: Sequence[Row], against: int, pairs: Mapping[str, Pair], components: Sequence[str]
+    rows: Sequence[ComparisonRow], against: int, pairs: Mapping[str, Pair], components: Sequence[str]
 ) -> Grid | None:
     """A line a row and component that is paired with the one it is held against; None if none is.
 
@@ -49,7 +49,7 @@ def differences_grid(
     return Grid(title, headings, lines, 3) if lines else None
 
 
-def not_paired(rows: Sequence[Row], against: int, pairs: Mapping[str, Pair]) -> list[str]:
+def not_paired(rows: Sequence[ComparisonRow], against: int, pairs: Mapping[str, Pair]) -> list[str]:
     """Which rows are not compared with the one, and why: a line a reason."""
     reasons: dict[str, list[int]] = {}
     for number, row in enumerate(rows, 1):
@@ -66,7 +66,7 @@ def p_value(p: float) -> str:
 
 
 def write(
-    rows: Sequence[Row],
+    rows: Sequence[ComparisonRow],
     metrics: Sequence[Metric],
     against: int,
     pairs: Mapping[str, Pair],
@@ -74,8 +74,6 @@ def write(
     stream: BinaryIO,
 ) -> None:
     """Write the comparison as CSV, a line a row, numbers in full."""
-    import pandas as pd
-
     lines = []
     for number, row in enumerate(rows, 1):
         line: dict[str, Any] = {"row": number, "label": row.label, "directory": str(row.run.path)}
@@ -96,15 +94,10 @@ def write(
                 f"{name}.n": found.found.n if found else None,
             }
         lines.append(line)
-    table = pd.DataFrame(lines).map(_harmless).rename(columns=_harmless)
-    whole = {name: "Int64" for name in table if name == "against" or str(name).endswith((".n", ".of"))}
-    text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
-    table.astype(whole).to_csv(text, index=False)
-    text.flush()
-    text.detach()
+    csv_tables.write([{_harmless(name): _harmless(cell) for name, cell in line.items()} for line in lines], stream)
 
 
-def _numbers(row: Row, metric: Metric) -> dict[str, Any]:
+def _numbers(row: ComparisonRow, metric: Metric) -> dict[str, Any]:
     name = metric[0] if metric[1] == "all" else ".".join(metric)
     if metric == VERDICT:
         return {"verdict": row.verdict}
@@ -126,7 +119,7 @@ def _harmless(cell: Any) -> Any:
     return f"'{printable(cell)}" if cell.startswith(("=", "+", "-", "@", "\t", "\r")) else printable(cell)
 
 
-def _title(rows: Sequence[Row]) -> str:
+def _title(rows: Sequence[ComparisonRow]) -> str:
     scenarios = ", ".join(dict.fromkeys(row.run.scenario for row in rows))
     runs = len({row.run.path for row in rows})
     return f"{scenarios} · {runs} run director{'ies' if runs > 1 else 'y'}"
@@ -138,7 +131,7 @@ def _heading(metric: Metric, units: set[str]) -> str:
     return f"{_SPOKEN.get(name, name)}{'' if component == 'all' else f' {component}'}{unit}"
 
 
-def _cell(row: Row, metric: Metric, with_unit: bool) -> str:
+def _cell(row: ComparisonRow, metric: Metric, with_unit: bool) -> str:
     if metric == VERDICT:
         return row.verdict
     one = row.metrics.get(metric)

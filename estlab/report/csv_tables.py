@@ -1,6 +1,7 @@
-"""Tables as CSV files."""
+"""The one writer of CSV: tables by column or by row, numbers in full."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -11,24 +12,19 @@ Table = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 Spelled = dict[tuple[str, bytes], list[str]]
 
 
-def write_csv(by_filter: Mapping[str, Table], seed: int, stream: BinaryIO) -> None:
-    """Write columns or rows of several filters one after another; the filter begins each line, the seed ends it."""
+def write(table: Table, stream: BinaryIO) -> None:
+    """Write one table, by column or by row. Nothing is written for None and NaN."""
+    _write(stream, _by_column(table))
+
+
+def of_filters(by_filter: Mapping[str, Table], seed: int) -> dict[str, Array]:
+    """The tables of several filters as one: the filter is the first column, the seed the last."""
     parts = {name: _by_column(table) for name, table in by_filter.items()}
     sizes = [next((column.size for column in part.values()), 0) for part in parts.values()]
     columns = {"filter": np.repeat(list(parts), sizes)}
     for name in dict.fromkeys(name for part in parts.values() for name in part):
         columns[name] = np.concatenate([part[name] for part in parts.values() if name in part])
-    _write(stream, {**columns, "seed": np.full(sum(sizes), seed)})
-
-
-def write_rows(rows: Sequence[Mapping[str, Any]], seed: int, stream: BinaryIO) -> None:
-    """Write one table by row, the seed last in each line."""
-    _write(stream, {**_by_column(rows), "seed": np.full(len(rows), seed)})
-
-
-def write_columns(columns: Mapping[str, Any], stream: BinaryIO) -> None:
-    """Write one table by column."""
-    _write(stream, columns)
+    return {**columns, "seed": np.full(sum(sizes), seed)}
 
 
 def _by_column(table: Table) -> dict[str, Array]:
@@ -42,12 +38,16 @@ def _array(values: Iterable[Any]) -> Array:
     if isinstance(values, np.ndarray):
         return values
     found = [np.nan if value is None else value for value in values]
-    return np.array(found, dtype=object if any(isinstance(value, str | bool) for value in found) else None)
+    known = [value for value in found if value == value]
+    words = any(isinstance(value, str | bool) for value in known)
+    # An array of floats would make 12.0 of a 12 beside which a number is missing.
+    counts_with_gaps = 0 < len(known) < len(found) and all(isinstance(value, Integral) for value in known)
+    return np.array(found, dtype=object if words or counts_with_gaps else None)
 
 
-def _write(stream: BinaryIO, columns: Mapping[str, Any]) -> None:
+def _write(stream: BinaryIO, columns: Mapping[str, Array]) -> None:
     spelled: Spelled = {}
-    texts = [_texts(_array(values), spelled) for values in columns.values()]
+    texts = [_texts(column, spelled) for column in columns.values()]
     lines = [",".join(map(_quoted, columns)), *map(",".join, zip(*texts, strict=True)), ""]
     stream.write("\n".join(lines).encode())
 

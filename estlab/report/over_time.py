@@ -7,6 +7,7 @@ import numpy as np
 
 from estlab.maths.space import Array, Space
 from estlab.report import components
+from estlab.report.components import Columns
 from estlab.report.figures import (
     broken_at_gaps,
     colours,
@@ -31,8 +32,6 @@ _DENSE = 1500  # steps from which a line would be a smear
 _CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
 _LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
 _HIGHEST = 1e4  # of a NEES / n that is drawn
-
-Columns = Mapping[str, Array]
 
 
 def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":

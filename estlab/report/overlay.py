@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab import rundir
-from estlab.comparison.rows import Row
+from estlab.comparison.rows import ComparisonRow
 from estlab.errors import UserError
 from estlab.report.components import chosen as few
 from estlab.report.components import selection
@@ -44,7 +44,7 @@ class Curves:
     nees: "DataFrame"
 
 
-def curves_of(rows: Sequence[Row]) -> tuple[list[Curves], list[str]]:
+def curves_of(rows: Sequence[ComparisonRow]) -> tuple[list[Curves], list[str]]:
     """The curves of each row that has two steps or more, and what could not be read."""
     found, unread = [], []
     read: dict[Any, Any] = {}

@@ -6,7 +6,7 @@ from estlab import rundir
 from estlab.metrics.tally import CAUSES
 from estlab.metrics.verdict import CONSISTENT, LOST, UNDECIDED
 from estlab.report import sections
-from estlab.report.cells import Row, figure_cell, interval_cell, number_cell, p_cell, share_cell
+from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell, p_cell, share_cell
 from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Cell, Html, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
@@ -82,7 +82,7 @@ class _Run:
         items = [self._verdict(row) for row in self.contents.table(rundir.VERDICTS).rows]
         return tag("ul", items, class_="verdicts")
 
-    def _verdict(self, row: Row) -> Html:
+    def _verdict(self, row: CsvRow) -> Html:
         filter, word = row.get("filter", ""), row.get("word", "")
         kind, sign = {CONSISTENT: ("good", "✓"), UNDECIDED: ("doubt", "?")}.get(word, ("bad", "✗"))
         badge = tag("span", f"{sign} {word}", class_=f"word {kind}")
@@ -172,7 +172,7 @@ class _Run:
         if not any(as_number(row.get("share")) >= 0.0 for row in found.rows):
             return note("The truth is not known, so no share of errors is.")
         sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
-        lines: dict[tuple[str, ...], dict[str, Row]] = {}
+        lines: dict[tuple[str, ...], dict[str, CsvRow]] = {}
         for row in found.rows:
             key = tuple(row.get(column, "") for column in ("component", *self.filter, "when"))
             lines.setdefault(key, {})[row.get("sigmas", "")] = row
@@ -223,7 +223,7 @@ class _Run:
         return join([table("Every row of metrics.csv", headings, rows, filtered=True), note(found.remark)])
 
 
-def _percents(row: Row | None) -> Cell:
+def _percents(row: CsvRow | None) -> Cell:
     """An interval of shares."""
     low, high = (as_number(row.get(key)) if row else float("nan") for key in ("ci_low", "ci_high"))
     return Cell(f"{100.0 * low:.1f} to {100.0 * high:.1f} %", low) if low == low and high == high else Cell("")

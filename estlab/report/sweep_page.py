@@ -6,7 +6,7 @@ from typing import Any
 
 from estlab import rundir
 from estlab.report import sections
-from estlab.report.cells import Row, figure_cell, interval_cell, number_cell
+from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
 
@@ -177,7 +177,7 @@ def _heading(column: str) -> str:
     return _SHOWN.get(column, column.replace("rmse.", "RMSE "))
 
 
-def _metrics(row: Row, columns: list[str], figures: list[str]) -> list[Cell]:
+def _metrics(row: CsvRow, columns: list[str], figures: list[str]) -> list[Cell]:
     cells = []
     for name in figures:
         ends = (name, f"{name}.low", f"{name}.high")

@@ -12,7 +12,7 @@ from estlab.metrics.consistency import BIAS, INSIDE, LEAST_INSIDE, NEES, NIS, WH
 from estlab.metrics.digits import figure, interval
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.paired import against_best
-from estlab.metrics.tabulated import Row
+from estlab.metrics.tabulated import MetricRow
 from estlab.metrics.tally import CAUSES
 from estlab.report.components import chosen, selection
 from estlab.report.console import console
@@ -161,7 +161,7 @@ def _divisor(findings: Mapping[str, Findings], name: str) -> str:
     return next(iter(found)) if len(found) == 1 else "expected"
 
 
-def _errors(findings: Mapping[str, Findings]) -> list[Row]:
+def _errors(findings: Mapping[str, Findings]) -> list[MetricRow]:
     """The rows of RMSE of what is shown, of any filter, where some filter has one."""
     shown = _shown(findings.values())
     rows = {row.component: row for found in findings.values() for row in found.rows if row.metric == "rmse"}
@@ -248,21 +248,21 @@ def _cell(value: float) -> str:
     return "" if value != value else f"{value:.10g}"
 
 
-def _or_none(row: Row) -> Row | None:
+def _or_none(row: MetricRow) -> MetricRow | None:
     return None if row.value != row.value else row
 
 
-def _figure(row: Row | None) -> str:
+def _figure(row: MetricRow | None) -> str:
     return "" if row is None else figure(_estimate(row))
 
 
-def _interval(row: Row) -> str:
+def _interval(row: MetricRow) -> str:
     return interval(_estimate(row))
 
 
-def _estimate(row: Row) -> Estimate:
+def _estimate(row: MetricRow) -> Estimate:
     return Estimate(row.value, row.ci_low, row.ci_high, row.n)
 
 
-def _share(row: Row | None) -> str:
+def _share(row: MetricRow | None) -> str:
     return "" if row is None else f"{100.0 * row.value:.1f} %"

@@ -101,9 +101,9 @@ class Car(Scenario):
         cov = noise.process_scale**2 * diagonal_cov(self.process_sd)
         return Motion(vehicle.SPACE, vehicle.drive, lambda control, dt: cov / dt, 6, vehicle.drive_jacobians)
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
-        return Sensor(vehicle.READING, vehicle.SPACE, vehicle.extent, cov, places)
+        return Sensor(vehicle.READING, vehicle.SPACE, vehicle.extent, cov, landmarks)
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         time = self.dt * np.arange(round(self.duration / self.dt))

@@ -92,9 +92,9 @@ class Epuck(Scenario):
             camera.SPACE, camera.coast, lambda control, dt: cov, 2, camera.coast_jacobians, camera.coast_hessians
         )
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
         cov = noise.measurement_scale**2 * self.fix_variance * np.eye(2)
-        return Sensor(camera.FIX, camera.SPACE, camera.fix, cov, places, camera.fix_slope)
+        return Sensor(camera.FIX, camera.SPACE, camera.fix, cov, landmarks, camera.fix_jacobian)
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         steps = round(self.duration / self.dt)
@@ -129,7 +129,7 @@ class Epuck(Scenario):
         if record.time.size < 2:
             raise UserError("steps must be >= 2: the files need three rows, the first two for the initial estimate")
         kept = slice(record.time.size + 1)
-        return files.write(files.Recording(record.shown["fixes"][:, kept], record.shown["alpha"][kept]), folder, prefix)
+        return files.write(files.Recording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix)
 
     def draw(self, axes: "Axes", history: History) -> None:
         axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")
@@ -220,7 +220,7 @@ class Epuck(Scenario):
             np.empty((0, steps, 1)),
             Readings(np.arange(steps), fixes[:, 1:], np.zeros((steps, fixes.shape[2]), dtype=int)),
             Gaussian(begin, self._initial_cov()),
-            shown={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
+            extra={"frame_time": time, "fixes": fixes[:, :, 0], "alpha": alpha},
         )
 
     def _has_bound(self, noise: Scales) -> bool:
@@ -247,7 +247,7 @@ class Epuck(Scenario):
 def _until(history: History) -> tuple[Array, Array, Array]:
     """alpha, time and fixes of all frames up to the last step, the first frame included."""
     kept = slice(history.time.size + 1)
-    return history.shown["alpha"][kept], history.shown["frame_time"][kept], history.shown["fixes"][:, kept]
+    return history.extra["alpha"][kept], history.extra["frame_time"][kept], history.extra["fixes"][:, kept]
 
 
 def _unrolled(alpha: Array) -> Array:

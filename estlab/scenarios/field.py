@@ -15,8 +15,9 @@ from estlab.maths.space import Array, Space
 from estlab.maths.stacking import matrix
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
-from estlab.models import landmarks, odometry
+from estlab.models import odometry
 from estlab.models.contract import Motion, Sensor
+from estlab.models.landmarks import BEARING, bearing, bearing_hessians, bearing_jacobian
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
 from estlab.scenarios.scenario import (
@@ -119,16 +120,16 @@ class Field(Scenario):
             odometry.hessians,
         )
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
         cov = noise.measurement_scale**2 * diagonal_cov([self.bearing_sd])
         return Sensor(
-            landmarks.BEARING,
+            BEARING,
             odometry.SPACE,
-            landmarks.bearing,
+            bearing,
             cov,
-            places,
-            landmarks.bearing_slope,
-            landmarks.bearing_hessians,
+            landmarks,
+            bearing_jacobian,
+            bearing_hessians,
         )
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
@@ -136,21 +137,21 @@ class Field(Scenario):
         command = _square(steps)
         prior = self._belief(len(runs))
         # Where nothing is known of the start, each run begins somewhere else: a fixed one could flatter a filter.
-        begin = prior.sample(streams.draws("start", runs), 1)[:, 0] if isinstance(prior, Uniform) else prior.mean
+        begin = prior.sample(streams.generators("start", runs), 1)[:, 0] if isinstance(prior, Uniform) else prior.mean
         time = self.dt * np.arange(1, steps + 1)
         truth = simulation.walk(streams, runs, self.motion(noise), begin, time, command[:, :, None])
         # The landmarks take turns, two readings each: the reading of step k, from 1, is of floor(k / 2) mod 6.
-        target = np.arange(1, steps + 1) // 2 % self._places.shape[1]
-        sensor = self.sensor(noise, self._places)
-        values = simulation.read(streams, runs, sensor, truth, sensor.place(target[:, None]))
-        record = self._record(begin, command, truth, values, target)
+        landmark_number = np.arange(1, steps + 1) // 2 % self._landmarks.shape[1]
+        sensor = self.sensor(noise, self._landmarks)
+        values = simulation.read(streams, runs, sensor, truth, sensor.landmark(landmark_number[:, None]))
+        record = self._record(begin, command, truth, values, landmark_number)
         return record if isinstance(prior, Uniform) else replace(record, origin=begin)
 
     def read(
         self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
     ) -> Record:
         path = Files(folder, prefix, self.file_names, options.names).path("data")
-        found, remarks = evaluation.read(path, self._places.shape[1])
+        found, remarks = evaluation.read(path, self._landmarks.shape[1])
         record = self._record(
             np.array(self.start)[:, None].repeat(len(runs), axis=1),
             found.motion.T,
@@ -163,8 +164,8 @@ class Field(Scenario):
 
     def _agreement(self, found: evaluation.Evaluation, what: str) -> tuple[str, ...]:
         x, y, heading = found.path.T
-        place = self._places[:, found.readings[:, 1].astype(int)]
-        expected = np.arctan2(place[1] - y, place[0] - x) - heading
+        landmark = self._landmarks[:, found.readings[:, 1].astype(int)]
+        expected = np.arctan2(landmark[1] - y, landmark[0] - x) - heading
         course = heading + np.append(found.motion[1:, 0], 0.0)
         return (
             *agreement.of_readings("bearings", found.readings[:, 0], expected, what, agreement.ANGLE),
@@ -172,14 +173,14 @@ class Field(Scenario):
         )
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
-        truth, target = record.truth[:, :, 0], record.readings.target[:, 0]
-        exact = landmarks.BEARING.plus(np.stack(landmarks.bearing(truth, record.places[:, target])), np.zeros(1))
+        truth, landmark_number = record.truth[:, :, 0], record.readings.landmark_number[:, 0]
+        exact = BEARING.plus(np.stack(bearing(truth, record.landmarks[:, landmark_number])), np.zeros(1))
         made = evaluation.Evaluation(
             motion=record.control[:, :, 0].T,
-            readings=np.column_stack([record.readings.values[0, :, 0], target]),
-            exact_readings=np.column_stack([exact[0], target]),
+            readings=np.column_stack([record.readings.values[0, :, 0], landmark_number]),
+            exact_readings=np.column_stack([exact[0], landmark_number]),
             path=truth.T,
-            exact_path=record.shown["commanded"].T,
+            exact_path=record.extra["commanded"].T,
         )
         return [evaluation.write(made, folder / f"{prefix}{evaluation.LAYOUT['data'][0]}")]
 
@@ -191,11 +192,11 @@ class Field(Scenario):
         history = next(iter(histories.values()))
         if self.prior != "known" or history.time.size > 1 or not history.step.size:
             return {}
-        motion, sensor = self.motion(Scales(1.0, 1.0)), self.sensor(Scales(1.0, 1.0), history.places)
-        command, start = history.shown["command"], np.array(self.start)
+        motion, sensor = self.motion(Scales(1.0, 1.0)), self.sensor(Scales(1.0, 1.0), history.landmarks)
+        command, start = history.extra["command"], np.array(self.start)
         by_state, by_noise = (matrix(rows, ()) for rows in odometry.jacobians(start, command, self.dt))
         ahead = np.stack(odometry.turn_move_turn(start, command, np.zeros(3), self.dt))
-        seen = matrix(landmarks.bearing_slope(ahead, history.places[:, history.target[0]]), ())
+        seen = matrix(bearing_jacobian(ahead, history.landmarks[:, history.landmark_number[0]]), ())
         of = {"Q": sensor.noise_cov, "M": motion.noise_cov(command, self.dt), "G": by_state, "V": by_noise, "H": seen}
         rows = {f"{name}{i + 1}" if len(m) > 1 else name: row for name, m in of.items() for i, row in enumerate(m)}
         columns = [
@@ -204,14 +205,14 @@ class Field(Scenario):
         return {"row": list(rows), "1": columns[0], "2": columns[1], "3": columns[2]}
 
     def draw(self, axes: "Axes", history: History) -> None:
-        commanded = history.shown["commanded"][:2, : history.time.size]
+        commanded = history.extra["commanded"][:2, : history.time.size]
         axes.plot(*commanded, "--", color="0.6", lw=1.0, label="commanded path")
-        axes.plot(*history.places, "ks", ms=6, label="landmarks")
-        for i, place in enumerate(history.places.T):
-            axes.annotate(str(i), place, xytext=(6, 6), textcoords="offset points", fontsize="small")
+        axes.plot(*history.landmarks, "ks", ms=6, label="landmarks")
+        for i, landmark in enumerate(history.landmarks.T):
+            axes.annotate(str(i), landmark, xytext=(6, 6), textcoords="offset points", fontsize="small")
 
     @property
-    def _places(self) -> Array:
+    def _landmarks(self) -> Array:
         return np.array(self.landmarks).T
 
     def _record(
@@ -220,11 +221,14 @@ class Field(Scenario):
         command: Array,
         truth: Array,
         values: Array,
-        target: Array,
+        landmark_number: Array,
     ) -> Record:
-        """One reading a step. begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs), target (T,)."""
-        steps, every = target.size, begin.shape[1]
-        readings = Readings(np.arange(steps), values, target[:, None].repeat(every, axis=1))
+        """One reading a step.
+
+        begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs); landmark_number (T,).
+        """
+        steps, every = landmark_number.size, begin.shape[1]
+        readings = Readings(np.arange(steps), values, landmark_number[:, None].repeat(every, axis=1))
         return Record(
             0.0,
             self.dt * np.arange(1, steps + 1),
@@ -232,8 +236,8 @@ class Field(Scenario):
             command[:, :, None],
             readings,
             self._belief(every),
-            places=self._places,
-            shown={"commanded": self._obeyed(begin[:, 0], command), "command": command[:, 0]},
+            landmarks=self._landmarks,
+            extra={"commanded": self._obeyed(begin[:, 0], command), "command": command[:, 0]},
         )
 
     def _belief(self, runs: int) -> Gaussian | Uniform:

@@ -15,7 +15,7 @@ from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.linalg import cholesky, gram
 from estlab.maths.space import Array, Space
 from estlab.maths.stacking import Components, Rows
-from estlab.maths.streams import Draws, Streams
+from estlab.maths.streams import Generators, Streams
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 from estlab.scenarios import simulation
@@ -64,14 +64,14 @@ class Generator(Scenario):
         simulation.refuse_scales(noise, "set scenario.cov")
         return Motion(self.space, self._generate, simulation.no_cov, 0, self._jacobians)
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
-        return simulation.blind(self.space)
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
+        return simulation.no_sensor(self.space)
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         n = len(self.mean)
         standard = Gaussian(np.zeros((n, 1)), np.eye(n))
-        record = simulation.sent(streams, runs, self.motion(noise), standard)
-        of_mean, of_cov = self._errors(streams.draws("samples", runs), len(runs))
+        record = simulation.one_prediction(streams, runs, self.motion(noise), standard)
+        of_mean, of_cov = self._errors(streams.generators("samples", runs), len(runs))
         sums = {
             "count": np.array(len(runs)),
             "mean_error2": (of_mean**2).sum(axis=(0, 2)),
@@ -81,13 +81,13 @@ class Generator(Scenario):
             "mean": np.array(self.mean)[:, None] + of_mean[:, :, 0],
             "cov": np.array(self.cov)[:, :, None] + of_cov[:, :, :, 0],
         }
-        return replace(record, sums=sums, shown=first)
+        return replace(record, sums=sums, extra=first)
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         """Mean and covariance of the first run's samples, as their number grows by decades, beside what they should be;
         and how far they are from b and P, root mean squares over the runs, beside what is expected.
         """
-        shown = next(iter(histories.values())).shown
+        shown = next(iter(histories.values())).extra
         entries = list(zip(*np.triu_indices(len(self.mean)), strict=True))
         names = [*(f"mean {name}" for name in self.space.names), *(f"P{i + 1}{j + 1}" for i, j in entries)]
         names += ["|m - b|", "|m - b| expected", "|S - P|", "|S - P| expected"]
@@ -106,7 +106,7 @@ class Generator(Scenario):
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         from matplotlib.figure import Figure
 
-        shown = next(iter(histories.values())).shown
+        shown = next(iter(histories.values())).extra
         runs = int(shown["count"])
         figure = Figure(figsize=(9.0, 5.4), layout="constrained")
         axes = figure.add_subplot()
@@ -134,7 +134,7 @@ class Generator(Scenario):
         """Root mean squares over the runs of the distances of mean and covariance, at each of the sizes."""
         return np.sqrt(shown["mean_error2"] / shown["count"]), np.sqrt(shown["cov_error2"] / shown["count"])
 
-    def _errors(self, draws: Draws, runs: int) -> tuple[Array, Array]:
+    def _errors(self, generators: Generators, runs: int) -> tuple[Array, Array]:
         """Errors of the sample mean (n, sizes, runs) and of the sample covariance (n, n, sizes, runs)."""
         n, sizes = len(self.mean), self.sizes
         centre, target = np.array(self.mean), np.array(self.cov)
@@ -146,7 +146,7 @@ class Generator(Scenario):
             while drawn < size:
                 count = min(size - drawn, max(1, _AT_ONCE // runs))
                 # A vector after another, so that what is drawn does not depend on how many are drawn at once.
-                z = np.swapaxes(draws.normals((count, n)), 0, 1)
+                z = np.swapaxes(generators.normals((count, n)), 0, 1)
                 # Sums are about b: the sample covariance does not depend on it and loses no digits to a far mean.
                 off = draw(self.space, belief, z) - belief.mean
                 first, second = first + off.sum(axis=1), second + gram(off)

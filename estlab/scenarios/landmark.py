@@ -12,8 +12,10 @@ from estlab.datasets.data_files import DEFAULTS, Options
 from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
-from estlab.models import landmarks, unicycle
+from estlab.models import unicycle
 from estlab.models.contract import Motion, Sensor
+from estlab.models.landmarks import SPACE as READING
+from estlab.models.landmarks import range_bearing, range_bearing_jacobian, seen_at
 from estlab.record import Readings, Record
 from estlab.scenarios.landmark_files import timeline
 from estlab.scenarios.scenario import (
@@ -123,11 +125,9 @@ class Landmark(Scenario):
             unicycle.arc_jacobians,
         )
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
-        return Sensor(
-            landmarks.SPACE, unicycle.SPACE, landmarks.range_bearing, cov, places, landmarks.range_bearing_slope
-        )
+        return Sensor(READING, unicycle.SPACE, range_bearing, cov, landmarks, range_bearing_jacobian)
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         duration = self.duration if self.drive == "tour" else min(self.duration, float(_COMMANDS.shape[1]))
@@ -139,7 +139,7 @@ class Landmark(Scenario):
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
         prior = self._prior(streams, runs, begin)
         shown = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
-        return Record(0.0, time, truth, control, readings, prior, places=_LANDMARKS, shown=shown, origin=begin)
+        return Record(0.0, time, truth, control, readings, prior, landmarks=_LANDMARKS, extra=shown, origin=begin)
 
     def read(
         self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
@@ -150,7 +150,7 @@ class Landmark(Scenario):
         readings = Readings(
             line.step,
             recording.readings[:, line.taken, None].repeat(every, axis=2),
-            recording.target[line.taken, None].repeat(every, axis=1),
+            recording.landmark_number[line.taken, None].repeat(every, axis=1),
         )
         return Record(
             line.start,
@@ -175,7 +175,7 @@ class Landmark(Scenario):
             truth=np.column_stack([time, np.concatenate([record.origin[:, 0][None], record.truth[:, :, 0].T])]),
             reading_time=record.time[record.readings.step[seen]],
             readings=record.readings.values[:, seen, 0],
-            target=record.readings.target[seen, 0],
+            landmark_number=record.readings.landmark_number[seen, 0],
             landmarks=_LANDMARKS,
             subjects=mrclam.FIRST_LANDMARK + np.arange(_LANDMARKS.shape[1]),
             barcodes=_BARCODES,
@@ -188,7 +188,7 @@ class Landmark(Scenario):
         if self.sightings:
             columns = np.array(self.sightings).T
             pose, (x, y) = columns[:3], columns[3:]
-            distance, bearing = landmarks.range_bearing(pose, columns[3:])
+            distance, bearing = range_bearing(pose, columns[3:])
             return {
                 "sighting": [str(i + 1) for i in range(x.size)],
                 **dict(zip(("x [m]", "y [m]", "heading [rad]"), map(list, pose), strict=True)),
@@ -198,10 +198,10 @@ class Landmark(Scenario):
                 "bearing [rad]": [float(f"{value:.4f}") for value in wrap(np.asarray(bearing))],
             }
         history = next(iter(histories.values()))
-        if "commands" not in history.shown:
+        if "commands" not in history.extra:
             return {}
         ends = [k for k, time in enumerate(history.time) if abs(time - round(time)) < 0.5 * self.dt]
-        commanded = [list(column) for column in history.shown["commands"][:, ends]]
+        commanded = [list(column) for column in history.extra["commands"][:, ends]]
         reached = [[float(f"{value:.4f}") + 0.0 for value in component] for component in history.mean[:, ends]]
         names = ("v [m/s]", "w [rad/s]", "x [m]", "y [m]", "heading [rad]")
         seconds = [f"{history.time[k]:.0f}" for k in ends]
@@ -210,9 +210,9 @@ class Landmark(Scenario):
     def draw(self, axes: "Axes", history: History) -> None:
         if not history.step.size:
             return  # a path alone is seen better without the room about it
-        seen = landmarks.seen_at(history.mean[:, history.step], history.values)
+        seen = seen_at(history.mean[:, history.step], history.values)
         axes.plot(seen[0], seen[1], ".", color="C1", ms=2, alpha=0.4, label="readings, placed from the estimate")
-        axes.plot(history.places[0], history.places[1], "ks", ms=6, label="landmarks")
+        axes.plot(history.landmarks[0], history.landmarks[1], "ks", ms=6, label="landmarks")
 
     def _tour(
         self, streams: Streams, runs: Sequence[int], begin: Array, steps: int, motion: Motion

@@ -112,7 +112,7 @@ def _pose_from_readings(
         group = usable[(time[usable] >= time[first]) & (time[usable] <= time[first] + _TOGETHER)]
         distance, bearing = recording.readings[:, group]
         seen = distance * np.stack([np.cos(bearing), np.sin(bearing)])
-        there = recording.landmarks[:, recording.target[group]]
+        there = recording.landmarks[:, recording.landmark_number[group]]
         if np.hypot(*np.ptp(there, axis=1)) < _SPREAD:
             continue
         p, q = seen - seen.mean(axis=1, keepdims=True), there - there.mean(axis=1, keepdims=True)
@@ -152,14 +152,14 @@ def _late_start(start: float, gap: float, known: bool) -> tuple[str, ...]:
 
 def _agreement(recording: mrclam.Recording, truth: _Truth, command_time: Array, reading_time: Array) -> tuple[str, ...]:
     x, y, heading = truth.at(reading_time)
-    dx, dy = recording.landmarks[:, recording.target] - np.stack([x, y])
+    dx, dy = recording.landmarks[:, recording.landmark_number] - np.stack([x, y])
     measurement, odometry = (str(recording.paths[kind]) for kind in ("measurement", "odometry"))
     distance, bearing = recording.readings
     v, w = recording.odometry[:, 1:].T
     px, py, course = truth.at(command_time)
     return (
         *agreement.of_readings("ranges", distance, np.hypot(dx, dy), measurement),
-        *agreement.of_each(distance, np.hypot(dx, dy), recording.barcodes[recording.target], measurement),
+        *agreement.of_each(distance, np.hypot(dx, dy), recording.barcodes[recording.landmark_number], measurement),
         *agreement.of_readings("bearings", bearing, np.arctan2(dy, dx) - heading, measurement, agreement.ANGLE),
         *agreement.of_lengths(v[:-1] * np.diff(command_time), px, py, course, odometry),
         *agreement.of_turns(command_time, w, course, odometry),

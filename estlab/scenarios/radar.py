@@ -65,21 +65,21 @@ class Radar(Scenario):
         simulation.refuse_scales(noise, _INSTEAD)
         return Motion(polar.PLACE, polar.place, simulation.no_cov, 0, polar.place_jacobians, polar.place_hessians)
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
-        return simulation.blind(polar.PLACE)
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
+        return simulation.no_sensor(polar.PLACE)
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
         sds = [self.distance_sd, self.bearing_sd[self.case]]
         prior = Gaussian(np.array([[self.distance], [self.bearing]]), diagonal_cov(sds))
-        record = simulation.sent(streams, runs, self.motion(noise), prior)
+        record = simulation.one_prediction(streams, runs, self.motion(noise), prior)
         # About the exact mean, so that sums of squares over millions of samples lose no digits.
         off = record.truth[:, 0] - self.exact.mean[:, None]
         sums = {"count": np.array(len(runs)), "first": off.sum(axis=1), "second": off @ off.T}
-        return replace(record, shown={"samples": record.truth[:, 0, :_SHOWN]}, sums=sums)
+        return replace(record, extra={"samples": record.truth[:, 0, :_SHOWN]}, sums=sums)
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         rows = {name: Gaussian(h.mean[:, -1], h.cov[:, :, -1]) for name, h in histories.items()}
-        shown = next(iter(histories.values())).shown
+        shown = next(iter(histories.values())).extra
         rows |= {"exact": self.exact, "samples": _sample_moments(shown, self.exact.mean)}
         return {
             "transform": list(rows),
@@ -93,7 +93,7 @@ class Radar(Scenario):
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         from matplotlib.figure import Figure
 
-        shown = next(iter(histories.values())).shown
+        shown = next(iter(histories.values())).extra
         beliefs = {name: Gaussian(h.mean[:, -1], h.cov[:, :, -1]) for name, h in histories.items()}
         figure = Figure(figsize=(10.0, 7.6), layout="constrained")
         whole, near = figure.subplots(1, 2)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.errors import UserError
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
@@ -33,12 +34,13 @@ class Scales:
                 raise ValueError(f"{name} must be > 0 and between 1e-50 and 1e50, got {value:g}")
 
 
+@renamed(target="landmark_number", places="landmarks", shown="extra")
 @dataclass(frozen=True)
 class History:
     """One run as it is drawn: all that a problem's own pictures may use.
 
-    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), target: (N,) of the readings.
-    places: (p, L). shown: the record's further arrays, and its sums over all runs. run: its number.
+    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), landmark_number: (N,) of the readings.
+    landmarks: (p, L). extra: the record's further arrays, and its sums over all runs. run: its number.
     """
 
     time: Array
@@ -47,9 +49,9 @@ class History:
     cov: Array
     step: Array
     values: Array
-    target: Array
-    places: Array
-    shown: dict[str, Array]
+    landmark_number: Array
+    landmarks: Array
+    extra: dict[str, Array]
     run: int = 0
 
 
@@ -98,8 +100,8 @@ class Scenario(ABC):
         """The motion model as assumed with these noises."""
 
     @abstractmethod
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
-        """The sensor as assumed with these noises, among a record's places."""
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
+        """The sensor as assumed with these noises, among a record's landmarks."""
 
     @abstractmethod
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:

@@ -20,7 +20,7 @@ from estlab.scenarios.scenario import Scales
 def drawn(
     streams: Streams, runs: Sequence[int], motion: Motion, sensor: Sensor, prior: Gaussian, time: Array, control: Array
 ) -> Record:
-    """A record in which each run's start is drawn from the prior, and each step is read once by a sensor of no places.
+    """A record in which each run's start is drawn from the prior, and each step is read once, without landmarks.
 
     prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs). Raises AnswerError for models
     and arrays that are none.
@@ -33,8 +33,8 @@ def drawn(
     begin = draw(motion.space, Gaussian(mean, prior.cov), streams.normals("prior", runs, prior.mean.shape))
     truth = walk(streams, runs, motion, begin, time, control)
     values = read(streams, runs, sensor, truth, np.empty((0, 1)))
-    target = np.zeros(values.shape[1:], dtype=int)
-    readings = Readings(np.arange(time.size), values, target)
+    landmark_number = np.zeros(values.shape[1:], dtype=int)
+    readings = Readings(np.arange(time.size), values, landmark_number)
     return Record(0.0, time, truth, control, readings, Gaussian(mean, prior.cov), origin=begin)
 
 
@@ -67,7 +67,7 @@ def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, ti
     return truth
 
 
-def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, place: Array) -> Array:
+def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, landmark: Array) -> Array:
     """Readings (m, N, runs) of states (n, N, runs) with the sensor's noise.
 
     Raises AnswerError for a sensor that is none.
@@ -75,15 +75,15 @@ def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, p
     check_sensor("sensor", sensor, sensor.state)
     if states.shape[1]:
         n = sensor.state.size
-        first = place.reshape(len(place), -1)[:, :1] if place.size else np.empty((len(place), 1))
+        first = landmark.reshape(len(landmark), -1)[:, :1] if landmark.size else np.empty((len(landmark), 1))
         about = np.repeat(first, len(runs), axis=1)
         try_sensor("sensor", sensor, Gaussian(states[:, 0], np.zeros((n, n))), about)
     blur = streams.normals("readings", runs, (sensor.space.size, states.shape[1]))
     noise = np.einsum("ij,jnr->inr", cholesky(sensor.noise_cov), blur)
-    return sensor.space.plus(sensor.read(states, place), noise)
+    return sensor.space.plus(sensor.read(states, landmark), noise)
 
 
-def sent(streams: Streams, runs: Sequence[int], motion: Motion, prior: Gaussian) -> Record:
+def one_prediction(streams: Streams, runs: Sequence[int], motion: Motion, prior: Gaussian) -> Record:
     """A record of one step without readings: each run's truth is drawn from the prior, which all share, and moved once.
 
     prior: mean (n, 1) and cov (n, n).
@@ -96,7 +96,7 @@ def sent(streams: Streams, runs: Sequence[int], motion: Motion, prior: Gaussian)
     return Record(0.0, np.ones(1), truth, control, nothing, prior)
 
 
-def blind(state: Space) -> Sensor:
+def no_sensor(state: Space) -> Sensor:
     """The sensor of a problem without readings: it measures nothing."""
     return Sensor(Space((), ()), state, _nothing, np.empty((0, 0)), np.empty((0, 1)))
 
@@ -112,5 +112,5 @@ def refuse_scales(noise: Scales, instead: str) -> None:
         raise UserError(f"this scenario has neither process nor measurement noise, leave noise as it is; {instead}")
 
 
-def _nothing(state: Array, place: Array) -> Components:
+def _nothing(state: Array, landmark: Array) -> Components:
     return ()

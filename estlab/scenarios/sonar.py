@@ -94,16 +94,16 @@ class Sonar(Scenario):
             sonar_beams.turn_and_move_jacobians,
         )
 
-    def sensor(self, noise: Scales, places: Array) -> Sensor:
+    def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
         # A reading does not say which beacons it heard, so it is about all of them and about no single place.
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
         return Sensor(
             sonar_beams.READING,
             sonar_beams.SPACE,
-            lambda pose, place: sonar_beams.nearest_ranges(pose, places),
+            lambda pose, landmark: sonar_beams.nearest_ranges(pose, landmarks),
             cov,
-            places,
-            lambda pose, place: sonar_beams.nearest_ranges_slope(pose, places),
+            landmarks,
+            lambda pose, landmark: sonar_beams.nearest_ranges_jacobian(pose, landmarks),
         )
 
     def simulate(self, streams: Streams, runs: Sequence[int], noise: Scales) -> Record:
@@ -131,31 +131,31 @@ class Sonar(Scenario):
         return replace(record, files=recording.files, remarks=recording.remarks, repeated=True)
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
-        bounds = dict(zip(problem4.BOUNDS, record.shown["bounds"], strict=True))
+        bounds = dict(zip(problem4.BOUNDS, record.extra["bounds"], strict=True))
         encoder = [{"u": u[:, None], "t": t} for u, t in zip(record.control[:, :, 0].T, record.time, strict=True)]
         heard = [{"z": z[:, None], "t": t} for z, t in zip(record.readings.values[:, :, 0].T, record.time, strict=True)]
         robot = [{"x": x[:, None], "t": t} for x, t in zip(record.truth[:, :, 0].T, record.time, strict=True)]
         return [
             matlab.write(
                 folder / f"{prefix}{problem4.LAYOUT['data'][0]}",
-                {"encoder": encoder, "sonar": heard, "beacons": record.places.T, **bounds},
+                {"encoder": encoder, "sonar": heard, "beacons": record.landmarks.T, **bounds},
             ),
             matlab.write(folder / f"{prefix}{problem4.LAYOUT['truth'][0]}", {"robot": robot}),
         ]
 
     def draw(self, axes: "Axes", history: History) -> None:
-        low_x, high_x, low_y, high_y = history.shown["bounds"]
+        low_x, high_x, low_y, high_y = history.extra["bounds"]
         axes.plot([low_x, high_x, high_x, low_x, low_x], [low_y, low_y, high_y, high_y, low_y], color="0.6", lw=1.0)
-        axes.plot(*history.places, "k^", ms=8, label="beacons")
+        axes.plot(*history.landmarks, "k^", ms=8, label="beacons")
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         """How well each place fits the sonar at three times: what a particle is weighed by."""
         from matplotlib.figure import Figure
 
         history = next(iter(histories.values()))
-        low_x, high_x, low_y, high_y = history.shown["bounds"]
+        low_x, high_x, low_y, high_y = history.extra["bounds"]
         x, y = np.meshgrid(np.linspace(low_x, high_x, 151), np.linspace(low_y, high_y, 151))
-        sensor = self.sensor(Scales(1.0, 1.0), history.places)
+        sensor = self.sensor(Scales(1.0, 1.0), history.landmarks)
         expected = sensor.read(np.stack([x, y, np.zeros_like(x)]), np.empty((0, 1)))
         sds = np.asarray(self.measurement_sd)[:, None, None]
         figure = Figure(figsize=(9.0, 3.9), layout="constrained")
@@ -165,7 +165,7 @@ class Sonar(Scenario):
             fit = np.exp(-0.5 * (((history.values[:, k, None, None] - expected) / sds) ** 2).sum(axis=0))
             step = history.step[k]
             axes.pcolormesh(x, y, fit, cmap="Greys", vmin=0.0, shading="nearest", rasterized=True)
-            axes.plot(*history.places, "k^", ms=6, mfc="white", label="beacons")
+            axes.plot(*history.landmarks, "k^", ms=6, mfc="white", label="beacons")
             axes.plot(*history.truth[:2, step], "o", color="C3", ms=7, mfc="none", mew=2, label="robot")
             for i, (name, one) in enumerate(histories.items()):
                 # C3 is the robot's, as it is the bands' in the other pictures.
@@ -219,6 +219,6 @@ class Sonar(Scenario):
             encoder,
             Readings(np.arange(time.size), values, np.zeros(values.shape[1:], dtype=int)),
             Uniform(low, high, values.shape[2]),
-            places=beacons,
-            shown={"bounds": bounds},
+            landmarks=beacons,
+            extra={"bounds": bounds},
         )

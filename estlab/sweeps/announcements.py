@@ -113,7 +113,7 @@ def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
         out.print(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
 
 
-def _table(rows: Sequence[table.Row], columns: Sequence[str], units: Mapping[str, str]) -> Table:
+def _table(rows: Sequence[table.SweepRow], columns: Sequence[str], units: Mapping[str, str]) -> Table:
     shown = Table(box=None, pad_edge=False)
     metrics = _metrics(rows)
     for i, column in enumerate([*columns, *metrics]):
@@ -132,7 +132,7 @@ def _heading(column: str, units: Mapping[str, str]) -> str:
     return column.replace("rmse.", "RMSE ") + unit
 
 
-def _metrics(rows: Sequence[table.Row]) -> list[str]:
+def _metrics(rows: Sequence[table.SweepRow]) -> list[str]:
     """The few metrics that a terminal has room for: the position's RMSE, or each component's, and consistency."""
     columns = list(rows[0]) if rows else []
     errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]

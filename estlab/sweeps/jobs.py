@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from estlab import rundir
 from estlab.config.build import build
-from estlab.config.groups import Sweep
+from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
 from estlab.launch.composed import described
@@ -27,7 +27,9 @@ _FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # of the sweep itse
 _NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds
 
 
-def planned(context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: Sweep) -> list[Planned]:
+def planned(
+    context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: SweepSettings
+) -> list[Planned]:
     """The jobs of a sweep, in their order.
 
     Raises UserError or Hydra's exceptions for words that cannot all be composed: then no job is begun.
@@ -105,7 +107,7 @@ def composed(
     number: int,
     overrides: list[str],
     values: dict[str, str],
-    limits: Sweep,
+    limits: SweepSettings,
 ) -> "tuple[Planned, dict[str, Any], Names]":
     """A job, its configuration as plain data, and what the user called its parts."""
     from hydra.core.hydra_config import HydraConfig

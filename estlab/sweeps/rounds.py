@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estlab import rundir
-from estlab.config.groups import Sweep
+from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.launch.quoting import literal, quoted
 from estlab.sweeps import state
@@ -29,7 +29,7 @@ _LOST = "its process ended without a word: it was killed, or memory ran out"
 class Rounds:
     """What is left goes to the launcher whole; what then has not begun, or was lost with its worker, goes again."""
 
-    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: Sweep) -> None:
+    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: SweepSettings) -> None:
         from omegaconf import open_dict, read_write
 
         self.context, self.config, self.sweep, self.limits = context, config, sweep, limits

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SOME_FAILED = 3
 
 
-class Sweep:
+class SweepRunner:
     """The jobs of a sweep, in one directory, by whatever launcher the configuration names."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig") -> None:

@@ -1,7 +1,5 @@
 """The tables of a sweep: a row a job and filter, a row a group of repeats, a row a failure."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,13 +10,14 @@ import numpy as np
 from estlab import rundir
 from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import Moments
+from estlab.report import csv_tables
 from estlab.rundir import files
 from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
 
 SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
 
-Row = dict[str, str]
+SweepRow = dict[str, str]
 
 VERDICT = "verdict"  # a metric whose component is its value, a word
 
@@ -57,7 +56,7 @@ def _common(planned: Sequence[Planned]) -> str:
     )
 
 
-def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:
+def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:
     """The rows of sweep.csv, numbers as the jobs wrote them."""
     rows = []
     for job in planned:
@@ -75,9 +74,9 @@ def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> lis
     return _squared(rows)
 
 
-def _metrics(rows: Sequence[Mapping[str, str]]) -> Row:
+def _metrics(rows: Sequence[Mapping[str, str]]) -> SweepRow:
     """Rows of a metrics.csv as columns: rmse.x, rmse.x.low, rmse.x.high."""
-    cells: Row = {}
+    cells: SweepRow = {}
     for row in rows:
         if row["metric"].startswith(VERDICT):
             cells[row["metric"]] = row["component"]
@@ -87,20 +86,20 @@ def _metrics(rows: Sequence[Mapping[str, str]]) -> Row:
     return cells
 
 
-def _squared(rows: Sequence[Row]) -> list[Row]:
+def _squared(rows: Sequence[SweepRow]) -> list[SweepRow]:
     """Every row with every column, but for columns of intervals in which no row has one."""
     columns = dict.fromkeys(column for row in rows for column in row)
     kept = [c for c in columns if not c.endswith((".low", ".high")) or any(row.get(c) for row in rows)]
     return [{column: row.get(column, "") for column in kept} for row in rows]
 
 
-def group_rows(rows: Sequence[Row], planned: Sequence[Planned]) -> list[Row]:
+def group_rows(rows: Sequence[SweepRow], planned: Sequence[Planned]) -> list[SweepRow]:
     """The mean of each metric over a group's repeats, with Student's 95 % interval over them."""
     keys = [*(key for key in swept_keys(planned) if key != "seed"), "filter"]
     fixed = {"job", "seed", "status", "wall_time_s", *keys}
     columns = [c for c in (rows[0] if rows else {}) if c not in fixed and not c.endswith((".low", ".high"))]
     columns = [column for column in columns if not column.startswith(VERDICT)]
-    groups: dict[tuple[str, ...], list[Row]] = {}
+    groups: dict[tuple[str, ...], list[SweepRow]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
     found = []
@@ -117,7 +116,7 @@ def group_rows(rows: Sequence[Row], planned: Sequence[Planned]) -> list[Row]:
     return _squared(found)
 
 
-def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[Row]:
+def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:
     """A row for each attempt at a job or part that failed, those that a later one made good included."""
     rows = []
     for job in split.units(planned):
@@ -137,12 +136,8 @@ def units(outcomes: Mapping[str, Outcome]) -> dict[str, str]:
     return {f"{r['metric']}.{r['component']}": r["unit"] or "" for found in outcomes.values() for r in found.rows}
 
 
-def _write(sweep: Path, name: str, rows: Sequence[Row], columns: Sequence[str] = ()) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]) if rows else list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    files.write_text(sweep, name, text.getvalue())
+def _write(sweep: Path, name: str, rows: Sequence[SweepRow], columns: Sequence[str] = ()) -> None:
+    files.write(sweep, name, partial(csv_tables.write, rows or {column: [] for column in columns}))
 
 
 def _save(sweep: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:

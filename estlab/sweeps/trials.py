@@ -1,12 +1,12 @@
 """The trials of a tuning: their table, their picture, and what a person is told of the best."""
 
-import csv
-import io
 import math
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from estlab import rundir
 from estlab.launch.arguments import OF_A_SWEEP
 from estlab.launch.path_arguments import as_typed
 from estlab.metrics.objective import Objective
+from estlab.report import csv_tables
 from estlab.report.console import console
 from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
@@ -57,16 +58,18 @@ def ranked(trials: Sequence[Trial]) -> list[Trial]:
 
 def write(sweep: Path, trials: Sequence[Trial]) -> None:
     """Write tuning.csv: trial, job, values, objective, best so far, state, error."""
-    text, best = io.StringIO(newline=""), math.inf
     keys = list(dict.fromkeys(key for trial in trials for key in trial.job.values))
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["trial", "job", *keys, "objective", "best", "state", "error"])
-    for trial in trials:
-        best = min(best, math.inf if trial.objective is None else trial.objective)
-        values = [trial.job.values[key] for key in keys]
-        numbers = ["" if one is None else repr(one) for one in (trial.objective, best if best < math.inf else None)]
-        writer.writerow([trial.job.number, trial.job.name, *values, *numbers, trial.state, trial.error])
-    files.write_text(sweep, TUNING, text.getvalue())
+    best = list(accumulate((math.inf if trial.objective is None else trial.objective for trial in trials), min))
+    columns = {
+        "trial": [trial.job.number for trial in trials],
+        "job": [trial.job.name for trial in trials],
+        **{key: [trial.job.values[key] for trial in trials] for key in keys},
+        "objective": [trial.objective for trial in trials],
+        "best": [one if one < math.inf else None for one in best],
+        "state": [trial.state for trial in trials],
+        "error": [trial.error for trial in trials],
+    }
+    files.write(sweep, TUNING, partial(csv_tables.write, columns))
 
 
 def draw(sweep: Path, trials: Sequence[Trial], objective: Objective) -> list[str]:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estlab.config.groups import Sweep
+from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED
 from estlab.rundir import files
@@ -26,7 +26,7 @@ _SUBMITIT = ".submitit"
 class Work:
     """What is run in a sweep's directory, and what came of it."""
 
-    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: Sweep) -> None:
+    def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: SweepSettings) -> None:
         state.set_aside(sweep, _SUBMITIT, whatever=True)
         self.sweep, self.rounds = sweep, Rounds(context, config, sweep, limits)
 

@@ -20,12 +20,12 @@ from estlab.scenarios.scenario import Scales, Scenario
 from estlab.validation.records import check_readings, check_record
 
 
-def models_of(scenario: Scenario, noise: Scales, places: Array) -> tuple[Motion, Sensor]:
+def models_of(scenario: Scenario, noise: Scales, landmarks: Array) -> tuple[Motion, Sensor]:
     """Motion and sensor with these noises. Raises AnswerError, naming the function and its field."""
     where = name_of(scenario)
     check_space(f"{where}.space", scenario.space, 1)
     motion = check_motion(f"{where}.motion", scenario.motion(noise), scenario.space)
-    return motion, check_sensor(f"{where}.sensor", scenario.sensor(noise, places), scenario.space)
+    return motion, check_sensor(f"{where}.sensor", scenario.sensor(noise, landmarks), scenario.space)
 
 
 def scheme_of(scenario: Scenario) -> tuple[Scheme, float]:
@@ -56,12 +56,12 @@ def recorded(scenario: Scenario, make: "partial[Any]", runs: int) -> Record:
 def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, filters: Sequence[Filter]) -> None:
     """Raise AnswerError unless the models that filters assume go with a record, and answer from its start on."""
     where = name_of(scenario)
-    check_readings(f"{where}: record", record.readings, sensor.space, sensor.places)
+    check_readings(f"{where}: record", record.readings, sensor.space, sensor.landmarks)
     begin = record.prior.fitted()
     try_motion(f"{where}.motion", motion, begin, record.control, np.diff(record.time, prepend=record.start))
     if record.readings.step.size == 0:
         return
-    try_sensor(f"{where}.sensor", sensor, begin, sensor.place(record.readings.target[0]))
+    try_sensor(f"{where}.sensor", sensor, begin, sensor.landmark(record.readings.landmark_number[0]))
     if not all(isinstance(filter, DeadReckoning) for filter in filters):
         check_noise(f"{where}.sensor", sensor)
 

@@ -27,25 +27,28 @@ def check_record(where: str, record: Any, state: Space, runs: int) -> Record:
     numbers(where, "control is", record.control, (c, steps, runs), (c, steps, 1))
     _check_readings(where, record.readings, steps, runs)
     _check_prior(where, record, n, runs)
-    if not isinstance(record.places, np.ndarray) or record.places.ndim != 2:
-        refuse(where, f"places is {kind(record.places)}; must be an array (p, number of places)")
+    if not isinstance(record.landmarks, np.ndarray) or record.landmarks.ndim != 2:
+        refuse(where, f"landmarks is {kind(record.landmarks)}; must be an array (p, number of them)")
     if record.origin is not None:
         numbers(where, "origin is", record.origin, (n, runs))
     _check_rest(where, record)
     return record
 
 
-def check_readings(where: str, readings: Readings, reading: Space, places: Array) -> None:
-    """Raise AnswerError unless the readings are those of a sensor of this space among these places."""
-    m, count = readings.values.shape[0], places.shape[1]
+def check_readings(where: str, readings: Readings, reading: Space, landmarks: Array) -> None:
+    """Raise AnswerError unless the readings are those of a sensor of this space among these landmarks."""
+    m, count = readings.values.shape[0], landmarks.shape[1]
     if m != reading.size:
         refuse(where, f"readings.values has {m} components; the sensor's space has {reading.size}")
     taken = ~np.isnan(readings.values).all(axis=0)
-    outside = taken & ((readings.target < 0) | (readings.target >= count))
+    outside = taken & ((readings.landmark_number < 0) | (readings.landmark_number >= count))
     if outside.any():
         i, run = np.argwhere(outside)[0]
-        target = readings.target[i, run]
-        refuse(where, f"readings.target is {target} for reading {i} of run {run}; places are numbered 0 to {count - 1}")
+        number = readings.landmark_number[i, run]
+        refuse(
+            where,
+            f"readings.landmark_number is {number} for reading {i} of run {run}; must be 0 to {count - 1}",
+        )
 
 
 def _check_time(where: str, record: Record) -> None:
@@ -83,7 +86,7 @@ def _check_readings(where: str, readings: Any, steps: int, runs: int) -> None:
     numbers(where, "readings.values is", values, (values.shape[0], step.size, runs), finite=False)
     if np.isinf(values).any():
         refuse(where, "readings.values is infinite in places; what was not measured is NaN")
-    whole(where, "readings.target is", readings.target, (step.size, runs))
+    whole(where, "readings.landmark_number is", readings.landmark_number, (step.size, runs))
 
 
 def _check_prior(where: str, record: Record, n: int, runs: int) -> None:
@@ -106,7 +109,7 @@ def _check_prior(where: str, record: Record, n: int, runs: int) -> None:
 
 
 def _check_rest(where: str, record: Record) -> None:
-    for field in ("raw", "shown", "sums"):
+    for field in ("raw", "extra", "sums"):
         value = getattr(record, field)
         if not isinstance(value, Mapping) or not all(isinstance(array, np.ndarray) for array in value.values()):
             refuse(where, f"{field} is {kind(value)}; must be a dict of arrays by name")

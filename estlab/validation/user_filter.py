@@ -4,39 +4,44 @@ from typing import Any
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Fit, Sample
+from estlab.filters.filter import Filter, Innovation, Sample
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
-from estlab.maths.streams import Draws
+from estlab.maths.streams import Generators
 from estlab.models.answers import covariance, instance, kind, numbers, quietly, refuse
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
 
 
 @quietly
-def try_filter(where: str, filter: Filter, motion: Motion, sensor: Sensor, record: Record, draws: Draws) -> None:
-    """Raise AnswerError unless the filter answers as it must over a step of the record. draws: of all its runs."""
+def try_filter(
+    where: str, filter: Filter, motion: Motion, sensor: Sensor, record: Record, generators: Generators
+) -> None:
+    """Raise AnswerError unless the filter answers as it must over a step of the record. generators: of all its runs."""
     runs = record.runs if record.each_its_own else 1
-    belief = _something(where, "start", filter.start(record.prior, draws))
+    belief = _something(where, "start", filter.start(record.prior, generators))
     _check_moments(where, filter, belief, motion, runs)
     belief = _something(where, "predict", filter.predict(motion, belief, record.control[:, 0], _lapse(record)))
     _check_moments(where, filter, belief, motion, runs)
     if record.readings.step.size and record.each_its_own:
         some = np.arange(runs)[: max(1, runs - 1)]
-        for method in ("of", "put"):
+        for method in ("take", "replaced"):
             if not callable(getattr(belief, method, None)):
                 refuse(where, f"the belief has no method {method}, by which runs take part in a reading or do not")
-        part = belief.of(some)
+        part = belief.take(some)
         m = sensor.space.size
-        reading, place = record.readings.values[:, 0, some], sensor.place(record.readings.target[0, some])
-        pair = filter.update(sensor, part, reading, place)
+        reading, landmark = (
+            record.readings.values[:, 0, some],
+            sensor.landmark(record.readings.landmark_number[0, some]),
+        )
+        pair = filter.update(sensor, part, reading, landmark)
         if type(pair) is not tuple or len(pair) != 2:
-            refuse(where, f"update returned {kind(pair)}; must be a pair, of a belief and a Fit")
-        updated, fit = pair
+            refuse(where, f"update returned {kind(pair)}; must be a pair, of a belief and an Innovation")
+        updated, innovation = pair
         _something(where, "update", updated)
-        _check_fit(where, fit, m, some.size)
+        _check_innovation(where, innovation, m, some.size)
         _check_moments(where, filter, updated, motion, some.size)
-        _check_moments(where, filter, _something(where, "put", belief.put(some, updated)), motion, runs)
+        _check_moments(where, filter, _something(where, "replaced", belief.replaced(some, updated)), motion, runs)
     sample = filter.sample(belief)
     if sample is not None:
         instance(where, "sample returned", sample, Sample)
@@ -56,11 +61,11 @@ def _check_moments(where: str, filter: Filter, belief: Any, motion: Motion, runs
         covariance(where, "moments returned as cov", cov, (n, n, runs))
 
 
-def _check_fit(where: str, fit: Any, m: int, runs: int) -> None:
-    instance(where, "update returned as its second", fit, Fit)
+def _check_innovation(where: str, innovation: Any, m: int, runs: int) -> None:
+    instance(where, "update returned as its second", innovation, Innovation)
     for field in ("whitened", "log_scale"):
-        numbers(where, f"update returned as {field}", getattr(fit, field), (m, runs), finite=False)
-    numbers(where, "update returned as gated", fit.gated, (runs,))
+        numbers(where, f"update returned as {field}", getattr(innovation, field), (m, runs), finite=False)
+    numbers(where, "update returned as gated", innovation.gated, (runs,))
 
 
 def _something(where: str, method: str, belief: Any) -> Any:

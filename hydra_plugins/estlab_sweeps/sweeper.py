@@ -18,9 +18,9 @@ class EstlabSweeper(Sweeper):
         self.given = hydra_context, config
 
     def sweep(self, arguments: list[str]) -> Any:
-        from estlab.sweeps.sweep import Sweep
+        from estlab.sweeps.sweep import SweepRunner
 
-        raise SystemExit(Sweep(*self.given).run(self.words(arguments)))
+        raise SystemExit(SweepRunner(*self.given).run(self.words(arguments)))
 
     def words(self, arguments: list[str]) -> list[str]:
         """What the experiment names, then what is typed."""

@@ -39,6 +39,17 @@ def test_help_and_version_name_every_command(capsys):
     assert capsys.readouterr().out == f"estlab {__version__}\n"
 
 
+@pytest.mark.parametrize("command", ["", "list", "compare", "rerun", "clean", "verify", "report"])
+def test_a_help_is_80_columns_wide_and_shown_whatever_else_is_typed(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main([*command.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: estlab {command}")
+    assert max(map(len, text.splitlines())) <= 80
+    assert main([*command.split(), "-h", "--nothing-like-it"]) == 0
+    assert capsys.readouterr() == (text, "")
+
+
 def test_help_version_and_list_import_nothing_heavy():
     code = (
         "import sys; from estlab.cli.main import main; main(['--help']); main(['--version']); main(['list']);"
@@ -190,8 +201,8 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
         (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
         (["list", "experimnts"], "got experimnts; did you mean experiments?"),
-        (["list", "--config-dir", "nowhere"], "--config-dir: there is no folder nowhere"),
-        (["list", "--cfg", "job"], "estlab list takes --config-dir DIR and --help, not --cfg=job"),
+        (["list", "--config-dir", "nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
+        (["list", "--cfg", "job"], "estlab list has no --cfg (see estlab list --help)"),
         (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
         (["run", "seed=1e30"], "seed is too large a number"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
@@ -541,6 +552,9 @@ def test_a_users_own_folder_of_configuration_is_found(capsys):
         ("estlab run scenario=car filter.al", {"filter.alpha="}),
         ("estlab c", {"compare", "clean"}),
         ("estlab compare ru", set()),
+        ("estlab compare runs --m", {"--metric", "--md"}),
+        ("estlab clean --", {"--failed", "--older-than", "--keep-last", "--yes", "--help"}),
+        ("estlab list --c", {"--config-dir"}),
         ("estlab list ", {"scenarios", "filters", "experiments"}),
     ],
 )

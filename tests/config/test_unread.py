@@ -77,20 +77,20 @@ def made_of(plain, scenario):
         settings = build(plain)
         record = record_of(settings, Names(scenario, "pf"), range(2))
         problem, noise = settings.scenario, settings.noise.filter
-        motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+        motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     except UserError as error:
         return f"refused: {error}"
     readings, prior = record.readings, record.prior
     first = History(
         record.time, record.truth[..., 0], record.truth[..., 0], np.zeros((9, 9, record.time.size)), readings.step,
-        readings.values[..., 0], readings.target[..., 0], record.places, record.shown | record.sums,
+        readings.values[..., 0], readings.landmark_number[..., 0], record.landmarks, record.extra | record.sums,
     )  # fmt: skip
     table = problem.table({"pf": first}) if scenario in ("landmark", "field") else {}
     belief = (prior.mean, prior.cov) if isinstance(prior, Gaussian) else (prior.low, prior.high)
     lapse = record.time[0] - record.start
     numbers = [
-        record.start, record.time, record.truth, record.control, record.places, readings.step, readings.values,
-        readings.target, *belief, *record.shown.values(), *record.sums.values(), sensor.noise_cov,
+        record.start, record.time, record.truth, record.control, record.landmarks, readings.step, readings.values,
+        readings.landmark_number, *belief, *record.extra.values(), *record.sums.values(), sensor.noise_cov,
         *(motion.noise_cov(control, lapse) for control in record.control[..., 0].T),
     ]  # fmt: skip
     shapes = [(np.shape(array), np.asarray(array).tobytes()) for array in numbers]

@@ -16,8 +16,10 @@ from tests.conftest import estimate, options, settings
 def only(record, run):
     one = slice(run, run + 1)
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, one]
-    readings = Readings(record.readings.step, record.readings.values[:, :, one], record.readings.target[:, one])
-    prior = record.prior.of(np.array([run])) if record.each_its_own else record.prior
+    readings = Readings(
+        record.readings.step, record.readings.values[:, :, one], record.readings.landmark_number[:, one]
+    )
+    prior = record.prior.take(np.array([run])) if record.each_its_own else record.prior
     return replace(record, truth=record.truth[:, :, one], control=control, readings=readings, prior=prior)
 
 
@@ -26,7 +28,7 @@ def _set_up(scenario, runs, steps, *words):
     experiment = settings(f"scenario={scenario}", *words)
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(2, scenario), runs, noise).first(steps)
-    return experiment, record, (problem.motion(noise), problem.sensor(noise, record.places))
+    return experiment, record, (problem.motion(noise), problem.sensor(noise, record.landmarks))
 
 
 def _assert_alone_as_among_others(filter, models, record, scheme, runs):
@@ -89,9 +91,9 @@ def test_runs_that_lose_their_covariance_do_so_at_the_same_step_alone_as_among_o
 def test_what_is_smoothed_was_filtered_to_the_same_numbers(words, runs):
     """With the cross-covariance that a smoother needs, and a single run with an axis of runs."""
     experiment, record, models = _set_up("landmark", range(runs), 40, *f"filter={words}".split())
-    draws = Streams(1, "test").draws("filter", range(runs))
+    generators = Streams(1, "test").generators("filter", range(runs))
     loop = Loop(experiment.filter, *models, *experiment.scenario.scheme)
-    (found, _), expected = loop.estimate_and_smooth(record, draws), loop.estimate(record, draws)
+    (found, _), expected = loop.estimate_and_smooth(record, generators), loop.estimate(record, generators)
     for name in ("mean", "cov", "whitened", "log_scale"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
@@ -111,7 +113,7 @@ def test_runs_that_begin_again_from_the_prior_do_not_draw_for_their_neighbours()
     record = problem.simulate(Streams(2, "sonar"), range(5), noise).first(40)
     # Out of all bounds in two runs, so that every weight vanishes there and nowhere else.
     record.readings.values[:, 12, [1, 3]] = np.inf
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     together = estimate(experiment.filter, motion, sensor, record)
     np.testing.assert_array_equal(together.notes["vanished"][12], [0, 1, 0, 1, 0])
     for run in (0, 3):
@@ -151,7 +153,7 @@ def test_a_particle_run_does_not_see_another_resample(options):
     experiment = settings("scenario=landmark", "filter=pf", "filter.particles=50", f"filter.{options}")
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(2, "landmark"), range(6), noise).first(60)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     together = estimate(experiment.filter, motion, sensor, record)
     alone = estimate(experiment.filter, motion, sensor, only(record, 3), numbers=[3])
     np.testing.assert_array_equal(together.mean[:, :, 3], alone.mean[:, :, 0])

@@ -28,9 +28,9 @@ class Made:
         self.settings = settings(*overrides)
         scenario = overrides[0].removeprefix("scenario=")
         self.names = Names(scenario, "pf")
-        with workers(self.settings, self.names) as crew:
+        with workers(self.settings, self.names) as pool:
             first = record_of(self.settings, self.names, self.settings.run_numbers)
-            self.ensemble = estimated(self.settings, self.names, first, crew, lambda total: lambda steps: None)
+            self.ensemble = estimated(self.settings, self.names, first, pool, lambda total: lambda steps: None)
 
     def written(self, folder: Path, plots: bool) -> Attempts:
         attempts = Attempts(rundir.RunDirectory(folder))

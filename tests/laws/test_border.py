@@ -9,7 +9,7 @@ import pytest
 
 from estlab.errors import AnswerError
 from estlab.experiment.monte_carlo import Names, check_answers, loop_of, record_of
-from estlab.filters.filter import Fit
+from estlab.filters.filter import Innovation
 from estlab.filters.gaussian import GaussianFilter
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.transforms import Linearised
@@ -22,7 +22,7 @@ SOURCE = "import math\nfrom dataclasses import replace\nfrom estlab.maths.space 
 MOVED = "return angle + dt * faster, faster"
 READ = "return (np.sin(angle),)"
 Q = "np.array([[variance / dt]]), 1)"
-R = "np.array([[(noise.measurement_scale * self.reading_sd) ** 2]])"
+R = "np.array([[variance]])"
 PRIOR = "np.diag([0.1**2, 0.1**2])"
 DRAWN = "return drawn(streams, runs, self.motion(noise), sensor, prior, time, np.empty((0, time.size, 1)))"
 WITH = DRAWN.replace("return ", "record = ") + "\n        readings = record.readings\n        return "
@@ -71,13 +71,13 @@ SENSORS = [
     (R, "0.01", "noise_cov is the number 0.01; must be an array (1, 1)"),
     (R, "np.array([[-1.0]])", "noise_cov is a matrix with the variance -1"),
     (R, "np.array([[0.0]])", "noise_cov is singular: sideways has no noise of its own"),
-    (f"STATE, sideways, {R}, places", f"STATE, sideways, {R}, None", "places must be an array (p, number of places)"),
+    (f"STATE, sideways, {R}, landmarks", f"STATE, sideways, {R}, None", "landmarks must be an array (p, number"),
     ("Sensor(READING, STATE", "Sensor(STATE, READING", "state is that of ('sideways',); must be the scenario's"),
-    (f"{R}, places)", f"{R}, places, lambda s, p: ((np.cos(s[0]),),))",
-     "slope returned 1 entries in row 0; must be 1 row of 2"),
-    (f"{R}, places)", f"{R}, places, lambda s, p: ((-np.cos(s[0]), 0.0),))",
-     "slope: the derivative of sideways in angle is stated as -0.4"),
-    (f"{R}, places)", f"{R}, places, 'cos')", "slope = 'cos'; must be a function, or None"),
+    (f"{R}, landmarks)", f"{R}, landmarks, lambda s, p: ((np.cos(s[0]),),))",
+     "jacobian returned 1 entries in row 0; must be 1 row of 2"),
+    (f"{R}, landmarks)", f"{R}, landmarks, lambda s, p: ((-np.cos(s[0]), 0.0),))",
+     "jacobian: the derivative of sideways in angle is stated as -0.4"),
+    (f"{R}, landmarks)", f"{R}, landmarks, 'cos')", "jacobian = 'cos'; must be a function, or None"),
 ]  # fmt: skip
 
 SPACES = [
@@ -125,16 +125,16 @@ RECORDS = [
      "readings.values is infinite in places"),
     (DRAWN, f"{WITH}replace(record, readings=replace(readings, values=readings.values.repeat(2, axis=0)))",
      "record: readings.values has 2 components; the sensor's space has 1"),
-    (DRAWN, f"{WITH}replace(record, readings=replace(readings, target=readings.target + 1))",
-     "record: readings.target is 1 for reading 0 of run 0; places are numbered 0 to 0"),
-    (DRAWN, f"{WITH}replace(record, readings=replace(readings, target=readings.target * 1.0))",
-     "readings.target is an array of float64; must be of whole"),
+    (DRAWN, f"{WITH}replace(record, readings=replace(readings, landmark_number=readings.landmark_number + 1))",
+     "record: readings.landmark_number is 1 for reading 0 of run 0; must be 0 to 0"),
+    (DRAWN, f"{WITH}replace(record, readings=replace(readings, landmark_number=readings.landmark_number * 1.0))",
+     "readings.landmark_number is an array of float64; must be of whole"),
     (DRAWN, f"{WITH}replace(record, prior=None)", "prior is nothing (None); must be a Gaussian or a Uniform"),
     (DRAWN, f"{WITH}replace(record, prior=prior)", "prior.mean is an array (2,); must be an array (2, 3)"),
     (DRAWN, f"{WITH}replace(record, prior=record.prior._replace(cov=-record.prior.cov))",
      "prior.cov is a matrix with the variance -0.01"),
     (DRAWN, f"{WITH}replace(record, origin=record.origin[0])", "origin is an array (3,); must be an array (2, 3)"),
-    (DRAWN, f"{WITH}replace(record, places=None)", "places is nothing (None); must be an array (p, number of places)"),
+    (DRAWN, f"{WITH}replace(record, landmarks=None)", "landmarks is nothing (None); must be an array (p,"),
     (DRAWN, f"{WITH}replace(record, remarks='windy')", "remarks is a str; must be a tuple of sentences"),
 ]  # fmt: skip
 
@@ -180,8 +180,8 @@ def test_each_slip_is_one_line_that_names_function_and_field(plain, where, slips
 def test_what_is_right_passes(plain):
     _work(replace(plain, scenario=_pendulum(SOURCE)))
     whole = f"{Q[:-1]}, lambda s, c, dt: ({RIGHT}, ((dt * dt,), (dt,))))"
-    slope = f"{R}, places, lambda s, p: ((np.cos(s[0]), 0.0),))"
-    _work(replace(plain, scenario=_pendulum(SOURCE.replace(Q, whole).replace(f"{R}, places)", slope))))
+    jacobian = f"{R}, landmarks, lambda s, p: ((np.cos(s[0]), 0.0),))"
+    _work(replace(plain, scenario=_pendulum(SOURCE.replace(Q, whole).replace(f"{R}, landmarks)", jacobian))))
 
 
 @pytest.mark.parametrize("scenario", [*options("scenario"), *plugged.NAMES])
@@ -201,19 +201,19 @@ class Own(GaussianFilter):
 
     spoil: str = ""
 
-    def start(self, prior, draws):
-        return None if self.spoil == "start" else super().start(prior, draws)
+    def start(self, prior, generators):
+        return None if self.spoil == "start" else super().start(prior, generators)
 
     def predict(self, motion, belief, control, dt):
         return None if self.spoil == "predict" else super().predict(motion, belief, control, dt)
 
-    def update(self, sensor, belief, reading, place):
-        belief, fit = super().update(sensor, belief, reading, place)
+    def update(self, sensor, belief, reading, landmark):
+        belief, innovation = super().update(sensor, belief, reading, landmark)
         return {
             "update": belief,
-            "fit": (belief, (fit.whitened, fit.gated)),
-            "whitened": (belief, Fit(fit.whitened[0], fit.log_scale, fit.gated)),
-        }.get(self.spoil, (belief, fit))
+            "fit": (belief, (innovation.whitened, innovation.gated)),
+            "whitened": (belief, Innovation(innovation.whitened[0], innovation.log_scale, innovation.gated)),
+        }.get(self.spoil, (belief, innovation))
 
     def moments(self, belief, motion):
         mean, cov = belief
@@ -235,8 +235,8 @@ class Own(GaussianFilter):
     [
         ("start", "start returned nothing (None); must be a belief; is a return missing?"),
         ("predict", "predict returned nothing (None); must be a belief"),
-        ("update", "update returned a Gaussian; must be a pair, of a belief and a Fit"),
-        ("fit", "update returned as its second a tuple of 2; must be a Fit"),
+        ("update", "update returned a Gaussian; must be a pair, of a belief and an Innovation"),
+        ("fit", "update returned as its second a tuple of 2; must be an Innovation"),
         ("whitened", "update returned as whitened an array (2,); must be an array (1, 2)"),
         ("moments", "moments returned a tuple of 2; must be a Gaussian"),
         ("variances", "moments returned as cov an array (2, 3); must be an array (2, 2, 3)"),

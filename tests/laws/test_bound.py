@@ -20,11 +20,13 @@ def _problem(*overrides, runs=12):
     experiment = settings(*overrides)
     scenario, noise = experiment.scenario, experiment.noise.truth
     record = scenario.simulate(Streams(1, "bound"), range(runs), noise)
-    return record, scenario.motion(noise), scenario.sensor(noise, record.places)
+    return record, scenario.motion(noise), scenario.sensor(noise, record.landmarks)
 
 
 def _runs(record, order):
-    readings = Readings(record.readings.step, record.readings.values[:, :, order], record.readings.target[:, order])
+    readings = Readings(
+        record.readings.step, record.readings.values[:, :, order], record.readings.landmark_number[:, order]
+    )
     return replace(
         record,
         truth=record.truth[:, :, order],
@@ -51,10 +53,10 @@ def test_runs_that_are_there_twice_change_nothing():
 
 def test_readings_that_no_run_has_are_none_and_more_readings_never_raise_it():
     record, motion, sensor = _problem(*LANDMARK)
-    values, target, step = record.readings.values.copy(), record.readings.target, record.readings.step
+    values, landmark_number, step = record.readings.values.copy(), record.readings.landmark_number, record.readings.step
     values[:, ::2] = np.nan
-    holes = replace(record, readings=Readings(step, values, target))
-    fewer = replace(record, readings=Readings(step[1::2], values[:, 1::2], target[1::2]))
+    holes = replace(record, readings=Readings(step, values, landmark_number))
+    fewer = replace(record, readings=Readings(step[1::2], values[:, 1::2], landmark_number[1::2]))
     bound, without, left = (posterior_bound(r, motion, sensor) for r in (record, holes, fewer))
     np.testing.assert_array_equal(without, left)
     size = np.sqrt(np.einsum("iit->it", without))
@@ -65,7 +67,7 @@ def test_readings_that_no_run_has_are_none_and_more_readings_never_raise_it():
 
 def test_models_without_stated_derivatives_have_the_same_bound():
     record, motion, sensor = _problem(*LANDMARK)
-    by_differences = posterior_bound(record, replace(motion, jacobians=None), replace(sensor, slope=None))
+    by_differences = posterior_bound(record, replace(motion, jacobians=None), replace(sensor, jacobian=None))
     bound = posterior_bound(record, motion, sensor)
     np.testing.assert_allclose(by_differences, bound, rtol=1e-6, atol=1e-6 * bound.max())
 
@@ -104,7 +106,7 @@ def test_prior_and_first_step_are_about_the_origin_with_the_models_noises(overri
 def test_the_robot_on_video_has_a_bound_where_the_first_fix_is_what_the_filter_assumes():
     model = ("scenario=epuck", "scenario.truth=model")
     record, _, _ = _problem(*model)
-    off = record.shown["fixes"][:, 0] - record.origin[:2, 0]
+    off = record.extra["fixes"][:, 0] - record.origin[:2, 0]
     assert (np.abs(off) < 4.0 * 0.3786).all()
     for other in (("scenario.led_sd=.5",), ("scenario.truth=drive",), ("noise.truth.measurement_scale=.5",)):
         assert _problem(*model, *other)[0].origin is None

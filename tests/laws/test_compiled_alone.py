@@ -21,13 +21,13 @@ def set_up(runs, *words):
     record = problem.simulate(Streams(2, "test"), range(runs), noise).first(30)
     values = record.readings.values.copy()
     values[np.random.default_rng(1).random(values.shape) < 0.2] = np.nan
-    record = replace(record, readings=Readings(record.readings.step, values, record.readings.target))
-    models = problem.motion(noise), problem.sensor(noise, record.places)
+    record = replace(record, readings=Readings(record.readings.step, values, record.readings.landmark_number))
+    models = problem.motion(noise), problem.sensor(noise, record.landmarks)
     return lambda lanes: CompiledLoop(experiment.filter, *models, *problem.scheme, lanes=lanes), record
 
 
 def estimated(loop, record):
-    return loop.estimate(record, Streams(1, "test").draws("filter", range(record.runs)))
+    return loop.estimate(record, Streams(1, "test").generators("filter", range(record.runs)))
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_what_comes_in_several_stretches_is_what_comes_in_one(monkeypatch):
     expected = estimated(loop(2), record)
     monkeypatch.setattr("estlab.filters.engine._AT_ONCE", 20)
     ticks = []
-    draws = Streams(1, "test").draws("filter", range(record.runs))
-    found = loop(2).estimate(record, draws, lambda: ticks.append(1))
+    generators = Streams(1, "test").generators("filter", range(record.runs))
+    found = loop(2).estimate(record, generators, lambda: ticks.append(1))
     assert len(ticks) == record.time.size
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))

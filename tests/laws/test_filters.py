@@ -23,7 +23,7 @@ def test_a_run_that_breaks_becomes_nan_and_its_neighbours_are_untouched():
     values[:, 10, 2] = np.inf
     broken = Record(
         record.start, record.time, record.truth, record.control,
-        Readings(record.readings.step, values, record.readings.target), record.prior,
+        Readings(record.readings.step, values, record.readings.landmark_number), record.prior,
     )  # fmt: skip
     good, bad = (estimate(UKF, linear.MOTION, linear.SENSOR, r) for r in (record, broken))
     np.testing.assert_array_equal(np.isnan(bad.mean).any(axis=(0, 1)), [False, False, True, False])
@@ -38,7 +38,7 @@ def test_a_prediction_never_makes_the_heading_more_certain(name):
     motion = experiment.scenario.motion(experiment.noise.filter)
     for sd in (0.5, 1.3, 2.0, 3.0):
         prior = Gaussian(np.array([[1.0], [2.0], [0.3]]), np.diag([0.01, 0.01, sd**2]))
-        belief = experiment.filter.start(prior, Streams(1, "test").draws("wide", [0]))
+        belief = experiment.filter.start(prior, Streams(1, "test").generators("wide", [0]))
         after = experiment.filter.predict(motion, belief, np.array([[0.2], [0.1]]), 0.02)
         found = np.sqrt(experiment.filter.moments(after, motion).cov[2, 2, 0])
         expected = np.sqrt(sd**2 + 0.3**2 * 0.02)
@@ -53,7 +53,7 @@ def test_a_gate_refuses_what_no_right_reading_is_and_counts_it():
     record = linear.record(range(3))
     values = record.readings.values.copy()
     values[:, 20, 1] += 50.0
-    readings = Readings(record.readings.step, values, record.readings.target)
+    readings = Readings(record.readings.step, values, record.readings.landmark_number)
     spoilt = replace(record, readings=readings)
     gated = unscented("merwe", 1.0, 2.0, 0.0, "augmented", 0.9999)
     found = estimate(gated, linear.MOTION, linear.SENSOR, spoilt)
@@ -62,7 +62,7 @@ def test_a_gate_refuses_what_no_right_reading_is_and_counts_it():
     assert np.isnan(found.whitened[:, 20, 1]).all()
     without = values.copy()
     without[:, 20, 1] = np.nan
-    missing = replace(record, readings=Readings(record.readings.step, without, record.readings.target))
+    missing = replace(record, readings=Readings(record.readings.step, without, record.readings.landmark_number))
     expected = estimate(gated, linear.MOTION, linear.SENSOR, missing)
     np.testing.assert_allclose(found.mean, expected.mean, atol=1e-12)
 
@@ -72,22 +72,22 @@ def test_a_missing_number_is_the_update_without_its_row(noise):
     belief = Gaussian(np.array([[0.3], [-1.0], [0.2]]), linear.P0[:, :, None])
     filter = unscented("merwe", 1.0, 2.0, 0.0, noise, None)
     reading = np.array([[np.nan], [0.7]])
-    found, fit = filter.update(linear.SENSOR, belief, reading, np.empty((0, 1)))
+    found, innovation = filter.update(linear.SENSOR, belief, reading, np.empty((0, 1)))
     second = Sensor(
         linear.READING, linear.STATE, lambda x, p: (linear.measure(x, p)[1],), linear.R[1:, 1:], np.empty((0, 1))
     )
     expected, _ = filter.update(second, belief, reading[1:], np.empty((0, 1)))
     np.testing.assert_allclose(found.mean, expected.mean, atol=1e-12)
     np.testing.assert_allclose(found.cov, expected.cov, atol=1e-12)
-    assert np.isfinite(fit.whitened).sum() == 1
+    assert np.isfinite(innovation.whitened).sum() == 1
 
 
 def test_no_number_at_all_leaves_the_belief_as_it_was():
     belief = Gaussian(np.array([[0.3], [-1.0], [0.2]]), linear.P0[:, :, None])
-    found, fit = UKF.update(linear.SENSOR, belief, np.full((2, 1), np.nan), np.empty((0, 1)))
+    found, innovation = UKF.update(linear.SENSOR, belief, np.full((2, 1), np.nan), np.empty((0, 1)))
     np.testing.assert_array_equal(found.mean, belief.mean)
     np.testing.assert_allclose(found.cov, belief.cov, atol=1e-15)
-    assert np.isnan(fit.whitened).all()
+    assert np.isnan(innovation.whitened).all()
 
 
 def test_several_readings_of_a_linear_sensor_may_be_stacked_or_taken_in_turn():
@@ -95,7 +95,7 @@ def test_several_readings_of_a_linear_sensor_may_be_stacked_or_taken_in_turn():
     step = np.repeat(np.arange(20), 2)
     doubled = Record(
         0.0, record.time[:20], record.truth[:, :20], record.control[:, :20],
-        Readings(step, record.readings.values, record.readings.target), record.prior,
+        Readings(step, record.readings.values, record.readings.landmark_number), record.prior,
     )  # fmt: skip
     turns = estimate(UKF, linear.MOTION, linear.SENSOR, doubled, "sequential")
     stack = estimate(UKF, linear.MOTION, linear.SENSOR, doubled, "stacked")
@@ -154,9 +154,9 @@ def test_a_missing_number_says_nothing_where_noises_are_correlated(name, missing
     more = {"enkf": ["filter.members=20000"], "pf": ["filter.particles=40000"]}.get(name, [])
     found = []
     for chosen in (settings(f"filter={name}", *more).filter, settings("filter=ekf").filter):
-        belief = chosen.start(prior, Streams(1, "test").draws("hole", [0]))
-        belief, fit = chosen.update(sensor, belief, reading, np.empty((0, 1)))
-        assert np.isfinite(fit.whitened).sum() == 1
+        belief = chosen.start(prior, Streams(1, "test").generators("hole", [0]))
+        belief, innovation = chosen.update(sensor, belief, reading, np.empty((0, 1)))
+        assert np.isfinite(innovation.whitened).sum() == 1
         found.append(chosen.moments(belief, linear.MOTION))
     tolerance = 1e-10 if name.startswith("sr") else 0.04
     np.testing.assert_allclose(found[0].mean, found[1].mean, atol=tolerance)
@@ -170,8 +170,8 @@ def test_an_iterated_update_asks_the_gate_once():
     found = []
     for iterations in (1, 2, 3, 4, 5):
         chosen = settings("filter=iekf", "filter.gate=0.95", f"filter.iterations={iterations}").filter
-        after, fit = chosen.update(bent, belief, np.array([[-1.0], [0.0]]), np.empty((0, 1)))
-        assert fit.gated == 0
+        after, innovation = chosen.update(bent, belief, np.array([[-1.0], [0.0]]), np.empty((0, 1)))
+        assert innovation.gated == 0
         found.append(after.mean[0, 0])
     assert 1.5 not in found
 
@@ -182,7 +182,7 @@ def test_roughening_does_not_depend_on_where_the_heading_is_cut():
     spread = []
     for heading in (0.0, np.pi):
         prior = Gaussian(np.array([[0.0], [0.0], [heading]]), np.diag([1e-4, 1e-4, 1e-4]))
-        belief = experiment.filter.start(prior, Streams(1, "test").draws("rough", [0]))
+        belief = experiment.filter.start(prior, Streams(1, "test").generators("rough", [0]))
         belief = belief._replace(points=motion.space.wrapped(belief.points))
         weights = np.zeros((1000, 1))
         weights[:500] = 1.0 / 500

@@ -40,7 +40,7 @@ def _record(holes, several):
         values[0, ::2, 0] = values[1, 1::3, 1] = np.nan
         values[:, 2:5, 2] = np.nan
     step = np.arange(values.shape[1]) // (1 + several)
-    readings = Readings(step, values, record.readings.target)
+    readings = Readings(step, values, record.readings.landmark_number)
     return replace(
         record, time=record.time[:STEPS], truth=record.truth[:, :STEPS], control=record.control[:, :STEPS],
         readings=readings,
@@ -61,8 +61,8 @@ def _kalman(record, run, gate, updating):
             off = z[known] - h @ x
             passes = gate is None or off @ np.linalg.solve(s, off) <= chdtri(known.sum(), 1.0 - gate)
             if known.any() and updating and passes:
-                gain = p @ h.T @ np.linalg.inv(s)
-                x, p = x + gain @ off, p - gain @ s @ gain.T
+                kalman_gain = p @ h.T @ np.linalg.inv(s)
+                x, p = x + kalman_gain @ off, p - kalman_gain @ s @ kalman_gain.T
         means.append(x)
         covs.append(p)
     return np.stack(means, axis=1), np.stack(covs, axis=2)
@@ -105,9 +105,9 @@ def test_a_run_with_holes_is_alone_what_it_is_among_others_and_what_a_kalman_fil
 def test_what_is_smoothed_with_holes_is_alone_what_it_is_among_others(name, holes):
     record = _record(holes, True)
     loop = Loop(_settings(name, None), linear.MOTION, linear.SENSOR)
-    _, together = loop.estimate_and_smooth(record, Streams(1, "test").draws("filter", range(RUNS)))
+    _, together = loop.estimate_and_smooth(record, Streams(1, "test").generators("filter", range(RUNS)))
     assert np.isfinite(together.mean).all()
     for run in (0, 2):
-        _, alone = loop.estimate_and_smooth(only(record, run), Streams(1, "test").draws("filter", [run]))
+        _, alone = loop.estimate_and_smooth(only(record, run), Streams(1, "test").generators("filter", [run]))
         np.testing.assert_array_equal(alone.mean[..., 0], together.mean[..., run])
         np.testing.assert_array_equal(alone.cov[..., 0], together.cov[..., run])

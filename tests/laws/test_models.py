@@ -25,7 +25,7 @@ def _normals(*shape):
     return np.random.default_rng(11).standard_normal(shape)
 
 
-def _check_slopes(motion, state, control, dt):
+def _check_jacobians(motion, state, control, dt):
     n, q = motion.space.size, motion.noise_size
     in_state, in_noise = (matrix(rows, state.shape[1:]) for rows in motion.jacobians(state, control, dt))
     by_difference = jacobian(lambda x: motion.step(x, control, np.zeros(q), dt), state, motion.space)
@@ -42,14 +42,14 @@ def test_stated_jacobians_are_the_finite_differences(scenario):
     experiment = settings(f"scenario={scenario}", "steps=5")
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(3, scenario), range(4), noise).first(12)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     step = min(6, record.time.size - 1)
     state, control = record.truth[:, step], record.control[:, step]
     if motion.jacobians is not None:
-        _check_slopes(motion, state, control, 0.13)
-    if sensor.slope is not None:
-        place = sensor.place(record.readings.target[0])
-        stated = matrix(sensor.slope(state, place), state.shape[1:])
+        _check_jacobians(motion, state, control, 0.13)
+    if sensor.jacobian is not None:
+        place = sensor.landmark(record.readings.landmark_number[0])
+        stated = matrix(sensor.jacobian(state, place), state.shape[1:])
         np.testing.assert_allclose(stated, jacobian(lambda x: sensor.read(x, place), state, sensor.space), atol=1e-6)
 
 
@@ -63,7 +63,7 @@ def test_stated_derivatives_are_those_of_the_trace(scenario):
     experiment = settings(f"scenario={scenario}", "steps=5")
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(3, scenario), range(4), noise).first(12)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     step, n = min(6, record.time.size - 1), motion.space.size
     state, control, dt = record.truth[:, step], record.control[:, step], 0.13
     silent = np.zeros(motion.noise_size)
@@ -76,9 +76,9 @@ def test_stated_derivatives_are_those_of_the_trace(scenario):
         found = traced.hessians((0,), state, control, silent, dt)
         for one, other in zip(motion.hessians(state, control, dt), found, strict=True):
             _assert_near(one, other, state.shape[1:])
-    if sensor.slope is not None:
-        traced, place = Exact(sensor.measure, (n, len(record.places)), sensor.space.size), record.places[:, 0]
-        _assert_near(sensor.slope(state, place), traced.jacobian((0,), state, place), state.shape[1:])
+    if sensor.jacobian is not None:
+        traced, place = Exact(sensor.measure, (n, len(record.landmarks)), sensor.space.size), record.landmarks[:, 0]
+        _assert_near(sensor.jacobian(state, place), traced.jacobian((0,), state, place), state.shape[1:])
         if sensor.hessians is not None:
             found = traced.hessians((0,), state, place)
             for one, other in zip(sensor.hessians(state, place), found, strict=True):
@@ -90,18 +90,18 @@ def test_a_model_that_states_no_derivatives_has_exact_ones_and_differences_if_it
     bare = Motion(vehicle.SPACE, vehicle.drive, lambda control, dt: np.eye(6), 6)
     function, in_noise = bare.over(np.empty((0, 1)), 0.2)
     in_state, of_noise = vehicle.drive_jacobians(state, np.empty((0, 1)), 0.2)
-    _assert_near(in_state, function.slope(state), (3,))
+    _assert_near(in_state, function.jacobian(state), (3,))
     _assert_near(of_noise, in_noise(state), (3,))
-    joint = bare.joint_function(np.empty((0, 1)), 0.2).slope(np.concatenate([state, np.zeros((6, 3))]))
+    joint = bare.joint_function(np.empty((0, 1)), 0.2).jacobian(np.concatenate([state, np.zeros((6, 3))]))
     _assert_near([(*a, *b) for a, b in zip(in_state, of_noise, strict=True)], joint, (3,))
-    by_difference = hessian(lambda x: bare.step(x, np.empty((0, 1)), silent, 0.2), state, bare.line)
-    np.testing.assert_allclose(function.curvature(state), by_difference, atol=1e-5)
+    by_difference = hessian(lambda x: bare.step(x, np.empty((0, 1)), silent, 0.2), state, bare.unrolled)
+    np.testing.assert_allclose(function.hessians(state), by_difference, atol=1e-5)
     hidden = Motion(vehicle.SPACE, lambda *given: tuple(map(np.asarray, vehicle.drive(*given))), bare.noise_cov, 6)
-    assert hidden.function(np.empty((0, 1)), 0.2).jacobian is not None
+    assert hidden.function(np.empty((0, 1)), 0.2).stated_jacobian is not None
     masked = Motion(vehicle.SPACE, _masked_drive, bare.noise_cov, 6)
     without = masked.function(np.empty((0, 1)), 0.2)
-    assert without.jacobian is None
-    np.testing.assert_allclose(without.slope(state), matrix(in_state, (3,)), atol=1e-7)
+    assert without.stated_jacobian is None
+    np.testing.assert_allclose(without.jacobian(state), matrix(in_state, (3,)), atol=1e-7)
 
 
 def test_a_distance_at_its_least_has_a_slope_of_nothing_and_what_is_not_taken_none():
@@ -128,13 +128,13 @@ def test_arc_is_the_integral_of_the_unicycle(w):
     exact = solve_ivp(rates, (0.0, 1.5), [1.0, -2.0, 0.4], rtol=1e-11, atol=1e-12).y[:, -1]
     found = unicycle.arc(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), np.zeros(2), 1.5)
     np.testing.assert_allclose(found, exact, atol=1e-9)
-    slopes = unicycle.arc_jacobians(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), 1.5)
+    jacobians = unicycle.arc_jacobians(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), 1.5)
     by_difference = jacobian(
         lambda u: np.stack(np.broadcast_arrays(*unicycle.arc(np.array([1.0, -2.0, 0.4]), np.array([0.7, w]), u, 1.5))),
         np.zeros(2),
         unicycle.SPACE,
     )
-    np.testing.assert_allclose(matrix(slopes[1], ()), by_difference, atol=1e-8)
+    np.testing.assert_allclose(matrix(jacobians[1], ()), by_difference, atol=1e-8)
 
 
 def _arc_by_quadrature(pose, control, dt):
@@ -156,12 +156,12 @@ HALF_TURNS = [0.0, 1e-200, -1e-18, 1e-9, -1e-5, 1e-3, -9e-3, 0.00999999, 0.01, 0
 
 @pytest.mark.parametrize("half_turn", HALF_TURNS)
 @pytest.mark.parametrize("heading", [0.4, -2.9, 30.0])
-def test_an_arc_and_its_slopes_are_integrals_however_little_it_turns(half_turn, heading):
+def test_an_arc_and_its_jacobians_are_integrals_however_little_it_turns(half_turn, heading):
     pose, control, dt = np.array([1.0, -2.0, heading]), np.array([0.7, 2.0 * half_turn / 1.5]), 1.5
     after, in_pose, in_noise = _arc_by_quadrature(pose, control, dt)
     np.testing.assert_allclose(unicycle.arc(pose, control, np.zeros(2), dt), after, rtol=1e-14, atol=1e-14)
-    slopes = (matrix(rows, ()) for rows in unicycle.arc_jacobians(pose, control, dt))
-    for found, expected in zip(slopes, (in_pose, in_noise), strict=True):
+    jacobians = (matrix(rows, ()) for rows in unicycle.arc_jacobians(pose, control, dt))
+    for found, expected in zip(jacobians, (in_pose, in_noise), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-14)
 
 
@@ -180,11 +180,11 @@ def test_arcs_are_the_same_for_numbers_and_for_arrays():
     control[1, :20] *= 10.0 ** -np.arange(20)
     noise[1, :20] = 0.0
     together = np.stack(unicycle.arc(pose, control, noise, 0.1))
-    slopes = [matrix(rows, (40,)) for rows in unicycle.arc_jacobians(pose, control, 0.1)]
+    jacobians = [matrix(rows, (40,)) for rows in unicycle.arc_jacobians(pose, control, 0.1)]
     for i in range(40):
         alone = unicycle.arc(pose[:, i], control[:, i], noise[:, i], 0.1)
         np.testing.assert_array_equal(np.array(alone), together[:, i])
-        for rows, among in zip(unicycle.arc_jacobians(pose[:, i], control[:, i], 0.1), slopes, strict=True):
+        for rows, among in zip(unicycle.arc_jacobians(pose[:, i], control[:, i], 0.1), jacobians, strict=True):
             np.testing.assert_array_equal(matrix(rows, ()), among[..., i])
 
 

@@ -5,11 +5,11 @@ import pytest
 
 from estlab.maths import cloud
 from estlab.maths.resampling import Weights, resample
-from estlab.maths.streams import Draws, Streams
+from estlab.maths.streams import Generators, Streams
 from tests.conftest import estimate, settings
 from tests.laws.test_alone import only
 
-LARGE = cloud.PIECE + 2345
+LARGE = cloud.CHUNK + 2345
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_a_cloud_alone_is_to_the_last_bit_what_it_is_among_others(name, more):
     experiment = settings("scenario=sonar", f"filter={name}", *more)
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(2, "sonar"), range(5), noise).first(8)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     together = estimate(experiment.filter, motion, sensor, record)
     for run in (0, 3):
         alone = estimate(experiment.filter, motion, sensor, only(record, run), numbers=[run])
@@ -35,7 +35,7 @@ def test_a_cloud_alone_is_to_the_last_bit_what_it_is_among_others(name, more):
         np.testing.assert_allclose(together.whitened[..., run], alone.whitened[..., 0], rtol=1e-12)
 
 
-class Chosen(Draws):
+class Chosen(Generators):
     """Given numbers in the place of drawn ones."""
 
     def __init__(self, numbers):

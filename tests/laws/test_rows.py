@@ -95,7 +95,7 @@ def test_a_member_that_is_not_a_number_keeps_that_to_itself(where):
     np.testing.assert_array_equal(np.delete(found, 5, axis=2), np.delete(sound, 5, axis=2))
 
 
-def test_the_rows_may_be_an_array_as_slopes_by_differences_are():
+def test_the_rows_may_be_an_array_as_jacobians_by_differences_are():
     a, cov = np.random.default_rng(3).standard_normal((2, 3, MANY)), _covs(3)
     _check(a, cov)
 

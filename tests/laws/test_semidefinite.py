@@ -55,7 +55,7 @@ def cart(request):
     """The scenario, its models and a record: a process noise of rank one, and a start of rank two or none."""
     problem = Cart(acceleration_sd=0.5, reading_sd=1.0, steps=12, known=request.param)
     record = problem.simulate(Streams(1, "cart"), range(RUNS), NOISE)
-    return problem, (problem.motion(NOISE), problem.sensor(NOISE, record.places)), record
+    return problem, (problem.motion(NOISE), problem.sensor(NOISE, record.landmarks)), record
 
 
 def _kalman(cart, run):
@@ -67,15 +67,15 @@ def _kalman(cart, run):
     forward = []
     for z in record.readings.values[:, :, run].T:
         x_, p_ = a @ x, a @ p @ a.T + q
-        gain = p_ @ h.T / (h @ p_ @ h.T + sensor.noise_cov)
+        kalman_gain = p_ @ h.T / (h @ p_ @ h.T + sensor.noise_cov)
         forward.append((x, p, x_, p_))
-        x, p = x_ + gain @ (z - h @ x_), p_ - gain @ h @ p_
+        x, p = x_ + kalman_gain @ (z - h @ x_), p_ - kalman_gain @ h @ p_
     filtered = [(x, p) for x, p, _, _ in forward[1:]] + [(x, p)]
     smoothed = [(x, p)]
     for x, p, x_, p_ in reversed(forward[1:]):
-        gain = p @ a.T @ np.linalg.pinv(p_, hermitian=True)
+        kalman_gain = p @ a.T @ np.linalg.pinv(p_, hermitian=True)
         later, spread = smoothed[0]
-        smoothed.insert(0, (x + gain @ (later - x_), p + gain @ (spread - p_) @ gain.T))
+        smoothed.insert(0, (x + kalman_gain @ (later - x_), p + kalman_gain @ (spread - p_) @ kalman_gain.T))
     return [[np.stack(part, axis=-1) for part in zip(*beliefs, strict=True)] for beliefs in (filtered, smoothed)]
 
 
@@ -110,7 +110,7 @@ def test_every_filter_takes_it_alone_as_among_others(cart, name):
 def test_the_smoother_takes_it(cart, name, noise):
     _, models, record = cart
     loop = Loop(settings(f"filter={name}", f"filter.noise={noise}").filter, *models)
-    _, found = loop.estimate_and_smooth(record, Streams(1, "test").draws("filter", range(RUNS)))
+    _, found = loop.estimate_and_smooth(record, Streams(1, "test").generators("filter", range(RUNS)))
     for run in range(RUNS):
         _, (mean, cov) = _kalman(cart, run)
         np.testing.assert_allclose(found.mean[..., run], mean, atol=1e-6)
@@ -126,7 +126,7 @@ def test_the_bound_takes_it(cart):
 def test_a_covariance_without_an_inverse_is_none_that_broke_and_has_no_nees():
     problem = Cart(acceleration_sd=0.5, reading_sd=1.0, steps=12, known=True)
     record = problem.simulate(Streams(1, "cart"), range(RUNS), NOISE)
-    models = problem.motion(NOISE), problem.sensor(NOISE, record.places)
+    models = problem.motion(NOISE), problem.sensor(NOISE, record.landmarks)
     scores = score(problem.space, Limits(), record, estimate(settings("filter=ekf").filter, *models, record))
     # After one step position and velocity vary together, after two each on its own.
     assert not scores.diverged.any()

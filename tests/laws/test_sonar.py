@@ -25,12 +25,12 @@ def test_a_batch_is_each_of_its_members():
     rng = np.random.default_rng(3)
     poses, beacons = rng.uniform(-5.0, 20.0, (3, 4, 6)), rng.uniform(-5.0, 20.0, (2, 5))
     together = np.stack(sonar_beams.nearest_ranges(poses, beacons))
-    slopes = [np.broadcast_arrays(*row, poses[0])[:3] for row in sonar_beams.nearest_ranges_slope(poses, beacons)]
+    jacobians = [np.broadcast_arrays(*row, poses[0])[:3] for row in sonar_beams.nearest_ranges_jacobian(poses, beacons)]
     for i in range(4):
         for j in range(6):
             np.testing.assert_array_equal(together[:, i, j], sonar_beams.nearest_ranges(poses[:, i, j], beacons))
-            alone = np.array(sonar_beams.nearest_ranges_slope(poses[:, i, j], beacons))
-            np.testing.assert_allclose([[entry[i, j] for entry in row] for row in slopes], alone, rtol=1e-15)
+            alone = np.array(sonar_beams.nearest_ranges_jacobian(poses[:, i, j], beacons))
+            np.testing.assert_allclose([[entry[i, j] for entry in row] for row in jacobians], alone, rtol=1e-15)
 
 
 def test_a_robot_turns_before_it_moves():
@@ -68,7 +68,7 @@ def test_encoders_and_sonar_are_off_by_their_noise_at_each_step_whatever_its_len
         off = record.control[:, 1:] - np.stack([way, turn])
         np.testing.assert_allclose(off.reshape(2, -1).std(axis=1), scale * np.array(problem.process_sd), rtol=0.05)
         np.testing.assert_allclose(off.reshape(2, -1).mean(axis=1), 0.0, atol=scale * 0.01)
-        exact = np.stack(sonar_beams.nearest_ranges(record.truth, record.places))
+        exact = np.stack(sonar_beams.nearest_ranges(record.truth, record.landmarks))
         error = record.readings.values - exact
         np.testing.assert_allclose(error.reshape(3, -1).std(axis=1), 2.0 * scale, rtol=0.05)
 

@@ -31,9 +31,9 @@ KALMAN = extended("additive", None)
 
 def ensemble_of(experiment: Settings, names: Names) -> Ensemble:
     """All runs of all filters."""
-    with workers(experiment, names) as crew:
+    with workers(experiment, names) as pool:
         first = record_of(experiment, names, block(experiment, 0))
-        return estimated(experiment, names, first, crew, lambda total: lambda steps: None)
+        return estimated(experiment, names, first, pool, lambda total: lambda steps: None)
 
 
 def figures(experiment: Settings, name: str) -> dict[str, dict]:
@@ -133,7 +133,7 @@ def gappy(runs: int = 40):
     values = record.readings.values.copy()
     values[0][random.random(values.shape[1:]) < 0.3] = np.nan
     values[1][random.random(values.shape[1:]) < 0.3] = np.nan
-    readings = Readings(record.readings.step, values, record.readings.target)
+    readings = Readings(record.readings.step, values, record.readings.landmark_number)
     record = replace(record, truth=truth, readings=readings)
     return record, estimate(KALMAN, linear.MOTION, linear.SENSOR, record)
 

@@ -33,7 +33,11 @@ def test_run_k_of_a_scenario_can_be_made_again_alone(scenario):
 
     def taken(record, run):
         seen = np.isfinite(record.readings.values[:1, :, run]).any(axis=0)
-        return record.readings.step[seen], record.readings.values[:, seen, run], record.readings.target[seen, run]
+        return (
+            record.readings.step[seen],
+            record.readings.values[:, seen, run],
+            record.readings.landmark_number[seen, run],
+        )
 
     for a, b in zip(taken(together, 2), taken(alone, 0), strict=True):
         np.testing.assert_array_equal(a, b)

@@ -121,7 +121,7 @@ def any_tally(random: np.random.Generator) -> Tally:
         fault, runs, steps, int(random.integers(10_000)), float(random.choice([0.0, 0.3, 1.0], p=[0.5, 0.4, 0.1]))
     )
     gate = random.choice([None, 0.95])
-    found = Loop(extended("additive", gate), MOTION, SENSOR).estimate(record, Streams(1, "none").draws("none", ()))
+    found = Loop(extended("additive", gate), MOTION, SENSOR).estimate(record, Streams(1, "none").generators("none", ()))
     if random.random() < 0.3:
         size = random.choice([4.0, 12.0, 80.0, 300.0]) * random.uniform(0.9, 2.0, (steps, runs))
         found = replace(found, sample=np.stack([size, 1.0 - 1.0 / size]), cov=found.cov * random.choice([1.0, 0.02]))
@@ -265,7 +265,9 @@ def test_more_particles_are_advised_where_they_are_too_few_and_not_where_runs_ar
     def sampled(size: float, runs: int) -> Tally:
         part = slice(0, runs)
         readings = replace(
-            record.readings, values=record.readings.values[..., part], target=record.readings.target[:, part]
+            record.readings,
+            values=record.readings.values[..., part],
+            landmark_number=record.readings.landmark_number[:, part],
         )
         sample = np.stack([np.full((60, runs), size), np.full((60, runs), 1.0 - 1.0 / size)])
         fit = found.whitened[..., part], found.log_scale[..., part]
@@ -309,7 +311,7 @@ def test_a_bias_is_not_what_is_wrong_where_innovations_are_and_nees_cannot_be_ju
 
 def test_a_gate_does_not_make_a_right_filter_conservative():
     record = records(Fault(), 200, 100, 1)
-    found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Streams(1, "none").draws("none", ()))
+    found = Loop(extended("additive", 0.99), MOTION, SENSOR).estimate(record, Streams(1, "none").generators("none", ()))
     test = answers(told(record, found))[NIS]
     assert test.of == "expected"
     assert abs(test.found.value - 1.0) < 0.04

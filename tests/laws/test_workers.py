@@ -12,7 +12,7 @@ import pytest
 from estlab.errors import UserError, WorkerLostError
 from estlab.parallel import cores, pool
 from estlab.parallel.pool import Workers
-from tests.pieces import STEPS, work
+from tests.tasks import STEPS, work
 
 
 @pytest.fixture(autouse=True)
@@ -21,26 +21,26 @@ def _by_import(monkeypatch):
     monkeypatch.setattr(pool, "_can_fork", lambda: False)
 
 
-def together(what, pieces, wanted=2):
-    """The pieces' results by number, the steps counted, and how many processes there were."""
+def together(what, tasks, wanted=2):
+    """The tasks' results by number, the steps counted, and how many processes there were."""
     counted = Counter()
     job = partial(work, what)
-    with Workers(job, range(pieces), wanted) as crew:
-        results = list(crew.results(job, lambda steps: counted.update(steps=steps)))
+    with Workers(job, range(tasks), wanted) as pool:
+        results = list(pool.results(job, lambda steps: counted.update(steps=steps)))
     assert multiprocessing.active_children() == []
-    return results, counted["steps"], crew.cores
+    return results, counted["steps"], pool.cores
 
 
-@pytest.mark.parametrize(("pieces", "wanted"), [(1, 3), (2, 2), (7, 3)])
-def test_every_piece_is_done_once_and_every_step_counted(pieces, wanted):
-    results, steps, processes = together(None, pieces, wanted)
-    assert sorted(number for number, _ in results) == list(range(pieces))
-    assert all(number == said for number, (said, _) in results)
-    assert steps == STEPS * pieces
-    assert processes == min(pieces, wanted)
+@pytest.mark.parametrize(("tasks", "wanted"), [(1, 3), (2, 2), (7, 3)])
+def test_every_task_is_done_once_and_every_step_counted(tasks, wanted):
+    results, steps, processes = together(None, tasks, wanted)
+    assert sorted(number for number, _ in results) == list(range(tasks))
+    assert all(number == answered for number, (answered, _) in results)
+    assert steps == STEPS * tasks
+    assert processes == min(tasks, wanted)
     done_by = {number: process for number, (_, process) in results}
     assert done_by[0] == os.getpid()
-    assert pieces == 1 or done_by[1] != os.getpid()
+    assert tasks == 1 or done_by[1] != os.getpid()
 
 
 def test_a_job_too_small_to_pay_for_workers_that_import_everything_has_none():
@@ -49,39 +49,39 @@ def test_a_job_too_small_to_pay_for_workers_that_import_everything_has_none():
     assert {process for _, (_, process) in results} == {os.getpid()}
 
 
-def test_workers_come_once_the_first_piece_has_shown_that_they_pay(monkeypatch):
+def test_workers_come_once_the_first_task_has_shown_that_they_pay(monkeypatch):
     monkeypatch.setattr(cores, "usable", lambda: 2)
 
-    def slow(number, tick):
+    def slow(number, on_step):
         time.sleep(0.6 if number == 0 else 0.0)
         return number, os.getpid()
 
-    with Workers(partial(work, None), range(9), None) as crew:
-        results = dict(crew.results(slow, lambda steps: None))
+    with Workers(partial(work, None), range(9), None) as pool:
+        results = dict(pool.results(slow, lambda steps: None))
     assert sorted(results) == list(range(9))
-    assert len({process for _, process in results.values()}) == crew.cores == 2
+    assert len({process for _, process in results.values()}) == pool.cores == 2
 
 
-@pytest.mark.parametrize("pieces", [2, 3])
-def test_what_workers_finish_while_this_process_is_at_its_first_piece_is_not_lost(pieces):
+@pytest.mark.parametrize("tasks", [2, 3])
+def test_what_workers_finish_while_this_process_is_at_its_first_task_is_not_lost(tasks):
     done = set()
 
-    def slow(number, tick):
-        while len(done) < pieces - 1 and number == 0:
+    def slow(number, on_step):
+        while len(done) < tasks - 1 and number == 0:
             time.sleep(0.01)
-            tick()
+            on_step()
         return number, os.getpid()
 
-    with Workers(partial(work, None), range(pieces), pieces) as crew:
-        take = crew._take
+    with Workers(partial(work, None), range(tasks), tasks) as pool:
+        receive = pool._receive
 
-        def heard(end, what, said):
-            take(end, what, said)
-            done.update(number for number, _ in crew._finished)
+        def heard(end, kind, content):
+            receive(end, kind, content)
+            done.update(number for number, _ in pool._finished)
 
-        crew._take = heard
-        results = dict(crew.results(slow, lambda steps: None))
-    assert sorted(results) == list(range(pieces))
+        pool._receive = heard
+        results = dict(pool.results(slow, lambda steps: None))
+    assert sorted(results) == list(range(tasks))
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_what_a_worker_raises_is_raised_here_with_its_traceback(error):
     with pytest.raises(type(error), match=str(error)) as caught:
         together(error, 2)
     assert "in a worker process:" in caught.value.__notes__[0]
-    assert "tests/pieces.py" in caught.value.__notes__[0]
+    assert "tests/tasks.py" in caught.value.__notes__[0]
     assert multiprocessing.active_children() == []
 
 
@@ -112,7 +112,7 @@ def test_a_killed_worker_is_one_line_that_names_the_remedy():
 
 
 def test_warnings_of_workers_are_warned_here():
-    with pytest.warns(RuntimeWarning, match="piece 1"):
+    with pytest.warns(RuntimeWarning, match="task 1"):
         together("warn", 2)
 
 
@@ -123,7 +123,7 @@ def test_what_workers_log_is_logged_here(caplog):
             together("log", 2)
         finally:
             logging.getLogger("estlab").removeHandler(caplog.handler)
-    assert "piece 1" in caplog.messages
+    assert "task 1" in caplog.messages
 
 
 @pytest.mark.parametrize(

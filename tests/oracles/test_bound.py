@@ -40,21 +40,21 @@ def _problem(name, runs, *overrides):
     experiment = settings(*SCENARIOS[name], *overrides)
     scenario, noise = experiment.scenario, experiment.noise.truth
     record = scenario.simulate(Streams(1, name), range(runs), noise)
-    return experiment.filter, scenario.motion(noise), scenario.sensor(noise, record.places), record
+    return experiment.filter, scenario.motion(noise), scenario.sensor(noise, record.landmarks), record
 
 
 def _rows(matrix):
     return tuple(tuple(row) for row in matrix)
 
 
-def _linear_motion(slope, cov):
+def _linear_motion(jacobian, cov):
     def move(state, control, noise, dt):
         return tuple(
             sum(a * x for a, x in zip(row, state, strict=True)) + sum(g * w for g, w in zip(drive, noise, strict=True))
-            for row, drive in zip(linear.A, slope, strict=True)
+            for row, drive in zip(linear.A, jacobian, strict=True)
         )
 
-    return Motion(linear.STATE, move, lambda control, dt: cov, len(cov), lambda *_: (_rows(linear.A), _rows(slope)))
+    return Motion(linear.STATE, move, lambda control, dt: cov, len(cov), lambda *_: (_rows(linear.A), _rows(jacobian)))
 
 
 def _gappy(record):
@@ -64,15 +64,15 @@ def _gappy(record):
     values[0, 8:14], values[:, 20:25] = np.nan, np.nan
     step, time = np.repeat(np.arange(0, 40, 2), 2), record.time.copy()
     time[10] = time[9]
-    return replace(record, time=time, readings=Readings(step, values, readings.target))
+    return replace(record, time=time, readings=Readings(step, values, readings.landmark_number))
 
 
-def _kalman(start, slope, cov, record):
+def _kalman(start, jacobian, cov, record):
     """The covariance (3, 3, T) by the Kalman filter, reading by reading, in its plainest form."""
     p, history = start, np.empty((3, 3, record.time.size))
     for k in range(record.time.size):
         if k == 0 or record.time[k] > record.time[k - 1]:
-            p = linear.A @ p @ linear.A.T + slope @ cov @ slope.T
+            p = linear.A @ p @ linear.A.T + jacobian @ cov @ jacobian.T
         for values in record.readings.values[:, record.readings.step == k, 0].T:
             there = ~np.isnan(values)
             h, r = linear.H[there], linear.R[np.ix_(there, there)]
@@ -83,10 +83,10 @@ def _kalman(start, slope, cov, record):
 
 @pytest.mark.parametrize("noise", NOISES)
 def test_on_a_linear_model_it_is_the_covariance_of_the_kalman_filter(noise):
-    slope, cov = NOISES[noise]
+    jacobian, cov = NOISES[noise]
     record = _gappy(linear.record(range(3)))
-    expected = _kalman(linear.P0, slope, cov, record)
-    bound = posterior_bound(record, _linear_motion(slope, cov), linear.SENSOR)
+    expected = _kalman(linear.P0, jacobian, cov, record)
+    bound = posterior_bound(record, _linear_motion(jacobian, cov), linear.SENSOR)
     np.testing.assert_allclose(bound, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
 
 
@@ -97,11 +97,11 @@ def test_a_start_that_every_prior_hits_is_known():
     np.testing.assert_allclose(bound, _kalman(np.zeros((3, 3)), linear.G, linear.Q, record), rtol=1e-10, atol=1e-12)
 
 
-def _tichavsky(start, slopes, cov, informations):
+def _tichavsky(start, jacobians, cov, informations):
     """J[k+1] = D22 - D21 (J[k] + D11)^-1 D12 for additive noise; slopes and readings' informations (T, runs, n, n)."""
     j, history = np.linalg.inv(start), []
     inverse = np.linalg.inv(cov)
-    for f, information in zip(slopes, informations, strict=True):
+    for f, information in zip(jacobians, informations, strict=True):
         d11 = (f.transpose(0, 2, 1) @ inverse @ f).mean(axis=0)
         d12 = -(f.transpose(0, 2, 1) @ inverse).mean(axis=0)
         j = inverse + information.mean(axis=0) - d12.T @ np.linalg.inv(j + d11) @ d12
@@ -118,8 +118,8 @@ def test_with_a_linear_motion_and_a_bent_sensor_it_is_tichavskys():
     zero, one = np.zeros_like(x), np.ones_like(x)
     h = np.array([[1.0 / (1.0 + x**2), zero, one], [zero, 2.0 * y, zero]]).transpose(2, 3, 0, 1)
     informations = h.transpose(0, 1, 3, 2) @ np.linalg.inv(linear.R) @ h
-    slopes = np.broadcast_to(linear.A, (40, 50, 3, 3))
-    expected = _tichavsky(linear.P0, slopes, cov, informations)
+    jacobians = np.broadcast_to(linear.A, (40, 50, 3, 3))
+    expected = _tichavsky(linear.P0, jacobians, cov, informations)
     bound = posterior_bound(record, _linear_motion(np.eye(3), cov), bent)
     np.testing.assert_allclose(bound, expected, rtol=1e-7, atol=1e-7)
 
@@ -149,12 +149,12 @@ def test_a_prediction_by_a_bent_motion_is_bounded_in_closed_form_above_tichavsky
     """One step x' = f(x) + w without readings: C = E[f']^2 P0 + Q, Tichavsky's Q + E[f']^2 / (1 / P0 + var(f') / Q)."""
     record = _scalar_record(500, 1)
     unread = replace(record, readings=replace(record.readings, values=np.full((1, 1, 500), np.nan)))
-    slope = (0.6 + 0.5 * np.cos(record.origin))[0]
+    jacobian = (0.6 + 0.5 * np.cos(record.origin))[0]
     bound = posterior_bound(unread, SCALAR_MOTION, SCALAR_SENSOR)[0, 0, 0]
-    assert bound == pytest.approx(slope.mean() ** 2 * START[0, 0] + VARIANCE, rel=1e-8)
+    assert bound == pytest.approx(jacobian.mean() ** 2 * START[0, 0] + VARIANCE, rel=1e-8)
     nothing = np.zeros((1, 500, 1, 1))
-    theirs = _tichavsky(START, slope[None, :, None, None], np.array([[VARIANCE]]), nothing)[0, 0, 0]
-    assert theirs == pytest.approx(VARIANCE + slope.mean() ** 2 / (1 / START[0, 0] + slope.var() / VARIANCE))
+    theirs = _tichavsky(START, jacobian[None, :, None, None], np.array([[VARIANCE]]), nothing)[0, 0, 0]
+    assert theirs == pytest.approx(VARIANCE + jacobian.mean() ** 2 / (1 / START[0, 0] + jacobian.var() / VARIANCE))
     assert theirs < bound
 
 
@@ -185,13 +185,13 @@ def test_of_one_run_it_is_the_linearised_covariance_about_the_truth(name):
     lapse, readings = np.diff(record.time, prepend=record.start), record.readings
     for k in range(record.time.size):
         control = record.control[:, k]
-        f = motion.function(control, lapse[k]).slope(state)[..., 0]
+        f = motion.function(control, lapse[k]).jacobian(state)[..., 0]
         g = motion.noise_jacobian(state, control, lapse[k])[..., 0]
         m = motion.noise_cov(control, lapse[k])
         p = f @ p @ f.T + g @ m.reshape(m.shape[:2]) @ g.T
         state = record.truth[:, k]
         for i in np.flatnonzero((readings.step == k) & ~np.isnan(readings.values[0, :, 0])):
-            h = sensor.function(sensor.place(readings.target[i])).slope(state)[..., 0]
+            h = sensor.function(sensor.landmark(readings.landmark_number[i])).jacobian(state)[..., 0]
             p = p - p @ h.T @ np.linalg.solve(h @ p @ h.T + sensor.noise_cov, h @ p)
         size = np.sqrt(np.diag(p))
         np.testing.assert_allclose(bound[:, :, k] / size / size[:, None], p / size / size[:, None], atol=1e-8)
@@ -200,30 +200,33 @@ def test_of_one_run_it_is_the_linearised_covariance_about_the_truth(name):
 def _with_all_directions(record, motion, sensor):
     """The bound from the whole information matrix of the start and all noises, in their own units, nothing left out."""
     runs, n, q = record.runs, motion.space.size, motion.noise_size
-    slopes, information = np.repeat(np.eye(n)[None], runs, axis=0), np.linalg.inv(record.prior.cov)
+    jacobians, information = np.repeat(np.eye(n)[None], runs, axis=0), np.linalg.inv(record.prior.cov)
     state, lapse = record.origin, np.diff(record.time, prepend=record.start)
     history = []
     for k in range(record.time.size):
         heading = state[motion.space.angles[0]]
         functions = np.stack([np.ones(runs), np.cos(heading), np.sin(heading)])
         f, g = (
-            np.moveaxis(slope, 2, 0)
-            for slope in (
-                motion.function(record.control[:, k], lapse[k]).slope(state),
+            np.moveaxis(jacobian, 2, 0)
+            for jacobian in (
+                motion.function(record.control[:, k], lapse[k]).jacobian(state),
                 motion.noise_jacobian(state, record.control[:, k], lapse[k]),
             )
         )
         turned = np.concatenate([function[:, None, None] * g for function in functions], axis=2)
-        slopes = np.concatenate([f @ slopes, turned], axis=2)
+        jacobians = np.concatenate([f @ jacobians, turned], axis=2)
         known = np.kron(functions @ functions.T / runs, np.linalg.inv(motion.noise_cov(record.control[:, k], lapse[k])))
         old = len(information)
         information = np.block([[information, np.zeros((old, 3 * q))], [np.zeros((3 * q, old)), known]])
         state = record.truth[:, k]
         for i in np.flatnonzero(record.readings.step == k):
-            h = np.moveaxis(sensor.function(sensor.place(record.readings.target[i])).slope(state), 2, 0) @ slopes
+            h = (
+                np.moveaxis(sensor.function(sensor.landmark(record.readings.landmark_number[i])).jacobian(state), 2, 0)
+                @ jacobians
+            )
             weighted = np.linalg.inv(sensor.noise_cov) @ h
             information = information + np.tensordot(h, weighted, axes=((0, 1), (0, 1))) / runs
-        mean = slopes.mean(axis=0)
+        mean = jacobians.mean(axis=0)
         history.append(mean @ np.linalg.solve(information, mean.T))
     return np.stack(history, axis=-1)
 

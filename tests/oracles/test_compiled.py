@@ -75,14 +75,14 @@ def test_however_the_filter_is_set_it_finds_what_numpy_finds(words):
 def test_what_is_smoothed_is_what_numpy_smooths_and_what_was_filtered(words):
     wanted = settings(*words)
     record = record_of(wanted, Names("test", "test"), wanted.run_numbers)
-    draws = Streams(1, "test").draws("filter", range(record.runs))
+    generators = Streams(1, "test").generators("filter", range(record.runs))
     numpy, compiled = (
-        loop_of(replace(wanted, engine=engine), wanted.filter, record.places).estimate_and_smooth(record, draws)
+        loop_of(replace(wanted, engine=engine), wanted.filter, record.landmarks).estimate_and_smooth(record, generators)
         for engine in ("numpy", "compiled")
     )
     for expected, found in zip(numpy, compiled, strict=True):
         assert_same(expected, found, within=1e-9)
-    alone = loop_of(replace(wanted, engine="compiled"), wanted.filter, record.places).estimate(record, draws)
+    alone = loop_of(replace(wanted, engine="compiled"), wanted.filter, record.landmarks).estimate(record, generators)
     assert np.array_equal(alone.mean, compiled[0].mean)
 
 
@@ -135,7 +135,7 @@ def test_runs_that_diverge_are_what_they_are_in_numpy_and_their_neighbours_go_on
 def test_runs_without_readings_may_share_a_belief():
     def shared(record):
         record = with_readings(lambda values: np.full_like(values, np.nan))(record)
-        return replace(record, prior=record.prior.of(np.zeros(1, dtype=int)), control=record.control[..., :1])
+        return replace(record, prior=record.prior.take(np.zeros(1, dtype=int)), control=record.control[..., :1])
 
     numpy, compiled = by_both(*LANDMARK, "filter=ekf", change=shared)
     assert compiled.mean.shape[-1] == 3
@@ -170,7 +170,7 @@ def test_correlated_noises_go_through_alike():
         assert_same(numpy, compiled, within=1e-11)
 
 
-def test_models_that_state_no_slopes_have_exact_ones_and_where_code_cannot_be_kept_it_is_compiled(
+def test_models_that_state_no_jacobians_have_exact_ones_and_where_code_cannot_be_kept_it_is_compiled(
     tmp_path, monkeypatch, capsys
 ):
     (tmp_path / "file").touch()
@@ -203,7 +203,7 @@ def test_noises_and_starts_of_less_than_full_rank_are_left_to_numpy():
     scales = Scales(1.0, 1.0)
     problem = Cart(acceleration_sd=0.5, reading_sd=1.0, steps=12, known=True)
     record = problem.simulate(Streams(1, "cart"), range(2), scales)
-    models = problem.motion(scales), problem.sensor(scales, record.places)
+    models = problem.motion(scales), problem.sensor(scales, record.landmarks)
     numpy, compiled = (estimated(kind(settings("filter=ukf").filter, *models), record) for kind in (Loop, CompiledLoop))
     assert np.isfinite(numpy.cov).all()
     assert_same(numpy, compiled, within=1e-7)
@@ -216,7 +216,7 @@ def test_where_nothing_is_known_to_be_wrong_nothing_is_left_to_numpy(monkeypatch
     monkeypatch.setattr(Loop, "estimate", unwanted)
     wanted = settings(*CAR, "filter=ukf", "engine=compiled")
     record = record_of(wanted, Names("test", "test"), wanted.run_numbers)
-    assert np.isfinite(estimated(loop_of(wanted, wanted.filter, record.places), record).cov).all()
+    assert np.isfinite(estimated(loop_of(wanted, wanted.filter, record.landmarks), record).cov).all()
 
 
 def test_a_prior_of_each_run_may_be_its_own():

@@ -25,7 +25,7 @@ def _record(*overrides: str, runs: int = 3):
     experiment = settings("scenario=epuck", *overrides)
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(1, "epuck"), range(runs), experiment.noise.truth)
-    return experiment.filter, problem.motion(noise), problem.sensor(noise, record.places), record
+    return experiment.filter, problem.motion(noise), problem.sensor(noise, record.landmarks), record
 
 
 def _printed_hessians(state, dt):
@@ -51,10 +51,10 @@ def test_the_noise_that_a_step_adds_is_the_documents():
     motion = settings("scenario=epuck", "scenario.dv2=0.3", "scenario.dth2=0.07").scenario.motion(
         settings("scenario=epuck").noise.filter
     )
-    slope = motion.noise_jacobian(STATE[:, None], NOTHING[:, None], DT)[..., 0]
+    jacobian = motion.noise_jacobian(STATE[:, None], NOTHING[:, None], DT)[..., 0]
     gamma = np.zeros((4, 2))
     gamma[2, 0], gamma[3, 1] = np.sqrt(0.3) * np.sqrt(DT), np.sqrt(0.07) * np.sqrt(DT)
-    np.testing.assert_allclose(slope @ motion.noise_cov(NOTHING, DT) @ slope.T, gamma @ gamma.T, atol=1e-15)
+    np.testing.assert_allclose(jacobian @ motion.noise_cov(NOTHING, DT) @ jacobian.T, gamma @ gamma.T, atol=1e-15)
 
 
 def test_the_bias_is_half_the_trace_by_hand():
@@ -134,7 +134,7 @@ def test_with_the_printed_quarter_in_its_bias_the_filter_would_not_diverge():
 
 def test_the_initial_estimate_is_from_the_first_two_fixes():
     *_, record = _record()
-    fixes = record.shown["fixes"]
+    fixes = record.extra["fixes"]
     (x0, y0), (x1, y1) = fixes[:, 0], fixes[:, 1]
     speed = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2) * 3.0
     np.testing.assert_allclose(record.prior.mean[:, 0], [x0, y0, speed, np.arctan2(y1 - y0, x1 - x0)], rtol=1e-12)

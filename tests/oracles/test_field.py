@@ -21,12 +21,12 @@ def _problem(*overrides):
 def _real(shared, filter):
     experiment, problem, noise = _problem(f"filter={filter}", "scenario.bearing_sd=0.35")
     record = problem.read(shared / "field", "", Streams(1, "field"), range(1))
-    sensor = problem.sensor(noise.filter, record.places)
+    sensor = problem.sensor(noise.filter, record.landmarks)
     found = estimate(experiment.filter, problem.motion(noise.filter), sensor, record)
     return record, found, np.sqrt(((found.mean - record.truth)[:2] ** 2).sum(axis=0).mean())
 
 
-def test_worked_noise_covariance_and_slopes():
+def test_worked_noise_covariance_and_jacobians():
     _, problem, noise = _problem()
     motion = problem.motion(noise.filter)
     np.testing.assert_allclose(motion.noise_cov(COMMAND, 0.1), np.diag([1e-4, 0.25, 1e-4]), rtol=1e-12)
@@ -35,21 +35,21 @@ def test_worked_noise_covariance_and_slopes():
     np.testing.assert_array_equal(in_noise, [[0, 1, 0], [10, 0, 0], [1, 0, 1]])
     moved = motion.step(POSE, COMMAND, np.zeros(3), 0.1)
     np.testing.assert_array_equal(moved, [190.0, 50.0, 0.0])
-    slope = matrix(landmarks.bearing_slope(moved, MARK), ())
-    np.testing.assert_allclose(slope, [[-50 / 31061, 169 / 31061, -1.0]], rtol=1e-14)
-    np.testing.assert_array_equal(np.round(slope, 4), [[-0.0016, 0.0054, -1.0]])
-    sensor = problem.sensor(noise.filter, problem._places)
+    jacobian = matrix(landmarks.bearing_jacobian(moved, MARK), ())
+    np.testing.assert_allclose(jacobian, [[-50 / 31061, 169 / 31061, -1.0]], rtol=1e-14)
+    np.testing.assert_array_equal(np.round(jacobian, 4), [[-0.0016, 0.0054, -1.0]])
+    sensor = problem.sensor(noise.filter, problem._landmarks)
     np.testing.assert_allclose(sensor.noise_cov, 0.1218, atol=5e-5)
 
 
 def test_stated_hessians_are_the_second_differences():
     _, problem, noise = _problem()
-    motion, sensor = problem.motion(noise.filter), problem.sensor(noise.filter, problem._places)
+    motion, sensor = problem.motion(noise.filter), problem.sensor(noise.filter, problem._landmarks)
     states = np.array([[190.0, 60.0], [50.0, 240.0], [0.3, -2.0]])
     control = np.array([0.4, 10.0, -0.2])
-    for function in (motion.function(control, 0.1), sensor.function(sensor.place(np.array([0, 5])))):
+    for function in (motion.function(control, 0.1), sensor.function(sensor.landmark(np.array([0, 5])))):
         by_difference = hessian(function.evaluate, states, function.space)
-        np.testing.assert_allclose(function.curvature(states), by_difference, atol=3e-6)
+        np.testing.assert_allclose(function.hessians(states), by_difference, atol=3e-6)
 
 
 def test_a_robot_told_to_stay_has_noise_that_can_be_factored():
@@ -62,8 +62,8 @@ def test_a_robot_told_to_stay_has_noise_that_can_be_factored():
 def test_the_landmarks_take_turns_and_the_square_closes():
     _, problem, noise = _problem()
     record = problem.simulate(Streams(1, "field"), range(2), noise.truth)
-    assert record.readings.target[:8, 0].tolist() == [0, 1, 1, 2, 2, 3, 3, 4]
-    np.testing.assert_allclose(record.shown["commanded"][:2, -1], [180.0, 50.0], atol=1e-9)
+    assert record.readings.landmark_number[:8, 0].tolist() == [0, 1, 1, 2, 2, 3, 3, 4]
+    np.testing.assert_allclose(record.extra["commanded"][:2, -1], [180.0, 50.0], atol=1e-9)
     np.testing.assert_array_equal(
         record.control[:, [0, 19, 39], 0].T,
         np.array([[0, 10, 0], [np.pi / 4, 10, np.pi / 4], [np.pi / 4, 0, np.pi / 4]]),
@@ -92,10 +92,10 @@ def test_an_extended_filter_written_out_plainly_gives_the_same_on_the_real_file(
         p = g @ p @ g.T + v @ m @ v.T
         dx, dy = marks[int(number)][0] - x, marks[int(number)][1] - y
         h = np.array([dy / (dx**2 + dy**2), -dx / (dx**2 + dy**2), -1.0])
-        gain = p @ h / (h @ p @ h + 0.35**2)
+        kalman_gain = p @ h / (h @ p @ h + 0.35**2)
         off = (z - np.arctan2(dy, dx) + th + np.pi) % (2 * np.pi) - np.pi
-        x, y, th = np.array([x, y, th]) + gain * off
-        p = (np.eye(3) - np.outer(gain, h)) @ p
+        x, y, th = np.array([x, y, th]) + kalman_gain * off
+        p = (np.eye(3) - np.outer(kalman_gain, h)) @ p
         np.testing.assert_allclose(found.mean[:2, k, 0], [x, y], atol=1e-6)
         assert np.cos(found.mean[2, k, 0] - th) == pytest.approx(1.0, abs=1e-12)
         np.testing.assert_allclose(found.cov[:, :, k, 0], p, atol=1e-6)
@@ -104,7 +104,7 @@ def test_an_extended_filter_written_out_plainly_gives_the_same_on_the_real_file(
 def _metrics(filter, runs, *overrides):
     experiment, problem, noise = _problem(f"filter={filter}", *overrides)
     record = problem.simulate(Streams(1, "field"), range(runs), noise.truth)
-    sensor = problem.sensor(noise.filter, record.places)
+    sensor = problem.sensor(noise.filter, record.landmarks)
     found = estimate(experiment.filter, problem.motion(noise.filter), sensor, record)
     rows = {key: row.value for key, row in metrics(tallied(problem, record, found)).items()}
     last = problem.space.minus(found.mean[:, -1], record.truth[:, -1])

@@ -18,7 +18,7 @@ def test_one_car_run_agrees_with_filterpy():
     experiment = settings("scenario=car")
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(4, "car"), range(1), noise)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     ours = estimate(unscented("merwe", 1.0, 2.0, 0.0, "additive", None), motion, sensor, record)
 
     def mean_of(space):
@@ -39,8 +39,8 @@ def test_one_car_run_agrees_with_filterpy():
     )  # fmt: skip
     peer.x, peer.P, peer.R = record.prior.mean[:, 0].copy(), record.prior.cov.copy(), sensor.noise_cov
     for k in range(record.time.size):
-        slope = motion.noise_jacobian(peer.x, np.empty(0), 0.1)
-        peer.Q = slope @ motion.noise_cov(np.empty(0), 0.1) @ slope.T
+        jacobian = motion.noise_jacobian(peer.x, np.empty(0), 0.1)
+        peer.Q = jacobian @ motion.noise_cov(np.empty(0), 0.1) @ jacobian.T
         peer.predict()
         peer.update(record.readings.values[:, k, 0])
         np.testing.assert_allclose(state.minus(ours.mean[:, k, 0], peer.x), 0.0, atol=1e-6)

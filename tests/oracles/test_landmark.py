@@ -48,7 +48,7 @@ def _position_rms(shared, folder, prefix, filter):
     experiment = settings("scenario=landmark", "data=files", f"data.path={shared / folder}", f"filter={filter}")
     problem = experiment.scenario
     record = problem.read(shared / folder, prefix, Streams(1, "landmark"), range(1))
-    sensor = problem.sensor(experiment.noise.filter, record.places)
+    sensor = problem.sensor(experiment.noise.filter, record.landmarks)
     found = estimate(experiment.filter, problem.motion(experiment.noise.filter), sensor, record, *problem.scheme)
     error2 = ((found.mean - record.truth)[:2] ** 2).sum(axis=0)
     return np.sqrt(np.nanmean(error2)), np.isfinite(error2).mean(), np.isfinite(record.truth).all(axis=0).mean()
@@ -66,7 +66,7 @@ def test_an_extended_filter_written_out_plainly_gives_the_same_on_the_real_robot
     experiment = settings("scenario=landmark", "data=files", "data.path=.", "scenario.initial=truth", "filter=ekf")
     problem = experiment.scenario
     record = problem.read(shared / "me469_ds1", "ds1_", Streams(1, "landmark"), range(1)).first(1500)
-    sensor = problem.sensor(experiment.noise.filter, record.places)
+    sensor = problem.sensor(experiment.noise.filter, record.landmarks)
     found = estimate(experiment.filter, problem.motion(experiment.noise.filter), sensor, record, *problem.scheme)
 
     pose, p, now = record.prior.mean[:, 0], record.prior.cov, record.start
@@ -93,13 +93,13 @@ def test_an_extended_filter_written_out_plainly_gives_the_same_on_the_real_robot
             )
         p = f @ p @ f.T + g @ np.diag([0.05**2, 0.3**2]) @ g.T / dt
         for i in range(bounds[k], bounds[k + 1]):
-            dx, dy = record.places[:, record.readings.target[i, 0]] - pose[:2]
+            dx, dy = record.landmarks[:, record.readings.landmark_number[i, 0]] - pose[:2]
             q = dx**2 + dy**2
             h = np.array([[-dx / np.sqrt(q), -dy / np.sqrt(q), 0], [dy / q, -dx / q, -1]])
             residual = record.readings.values[:, i, 0] - [np.sqrt(q), np.arctan2(dy, dx) - pose[2]]
             residual[1] = np.arctan2(np.sin(residual[1]), np.cos(residual[1]))
-            gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
-            pose, p = pose + gain @ residual, (np.eye(3) - gain @ h) @ p
+            kalman_gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+            pose, p = pose + kalman_gain @ residual, (np.eye(3) - kalman_gain @ h) @ p
     np.testing.assert_allclose(problem.space.minus(found.mean[:, -1, 0], pose), 0.0, atol=1e-8)
     np.testing.assert_allclose(found.cov[:, :, -1, 0], p, atol=1e-9)
 
@@ -118,7 +118,7 @@ def test_simulated_matched_filter_is_consistent():
     problem, noise = experiment.scenario, experiment.noise
     record = problem.simulate(Streams(1, "landmark"), range(200), noise.truth).first(250)
     motion: Motion = problem.motion(noise.filter)
-    sensor: Sensor = problem.sensor(noise.filter, record.places)
+    sensor: Sensor = problem.sensor(noise.filter, record.landmarks)
     rows = metrics(tallied(problem, record, estimate(experiment.filter, motion, sensor, record, *problem.scheme)))
     assert abs(rows["anees", "all"].value - 1.0) < 0.06
     assert abs(rows["anis", "all"].value - 1.0) < 0.03

@@ -66,8 +66,8 @@ def conditioned(record, run):
     """Mean and covariance of all states given all readings, from the joint Gaussian."""
     mean, expected, state_cov, s, cross = joint(record, run)
     z = record.readings.values[:, :, run].T.ravel()
-    gain = np.linalg.solve(s, cross.T).T
-    return mean + gain @ (z - expected), state_cov - gain @ cross.T
+    kalman_gain = np.linalg.solve(s, cross.T).T
+    return mean + kalman_gain @ (z - expected), state_cov - kalman_gain @ cross.T
 
 
 @pytest.mark.parametrize("name", FAMILY)
@@ -127,7 +127,8 @@ def test_the_likelihood_leaves_out_what_was_gated_and_is_the_same_of_readings_st
     )
     assert gated == missing
     doubled = replace(
-        without, readings=Readings(np.repeat(np.arange(6), 2), without.readings.values, without.readings.target)
+        without,
+        readings=Readings(np.repeat(np.arange(6), 2), without.readings.values, without.readings.landmark_number),
     ).first(6)
     turns, stack = (
         metrics(
@@ -142,7 +143,7 @@ def test_the_likelihood_leaves_out_what_was_gated_and_is_the_same_of_readings_st
 def test_the_smoother_is_conditioning_of_every_state_on_all_readings(name):
     record = linear.record(range(2), steps=12)
     loop = Loop(FAMILY[name], linear.MOTION, linear.SENSOR)
-    filtered, smoothed = loop.estimate_and_smooth(record, Streams(1, "test").draws("filter", range(2)))
+    filtered, smoothed = loop.estimate_and_smooth(record, Streams(1, "test").generators("filter", range(2)))
     for run in range(2):
         mean, cov = conditioned(record, run)
         for k in range(12):

@@ -15,7 +15,7 @@ def _estimated(*words):
     chosen = settings(*words)
     scenario, noise = chosen.scenario, chosen.noise.filter
     record = scenario.simulate(Streams(1, "plain"), range(RUNS), noise).first(STEPS)
-    models = scenario.motion(noise), scenario.sensor(noise, record.places)
+    models = scenario.motion(noise), scenario.sensor(noise, record.landmarks)
     return models, record, estimate(chosen.filter, *models, record, *scenario.scheme)
 
 
@@ -65,10 +65,10 @@ def test_the_robots_filters_find_what_a_plain_loop_finds(name):
 
 def _in_turn(record, run):
     """For each step, a run's (reading, landmark) one after another."""
-    values, targets = record.readings.values[:, :, run].T, record.readings.target[:, run]
+    values, landmark_numbers = record.readings.values[:, :, run].T, record.readings.landmark_number[:, run]
     taken = [[] for _ in record.time]
-    for step, value, target in zip(record.readings.step, values, targets, strict=True):
+    for step, value, landmark_number in zip(record.readings.step, values, landmark_numbers, strict=True):
         if np.isfinite(value).all():
-            taken[step].append((value, record.places[:, target]))
+            taken[step].append((value, record.landmarks[:, landmark_number]))
     assert max(map(len, taken)) > 1, "several readings at a time were to be taken"
     return taken

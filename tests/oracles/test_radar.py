@@ -34,7 +34,7 @@ def predicted(case, *overrides, runs=1):
     experiment = settings("scenario=radar", f"scenario.case={case}", *overrides)
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(4, "radar"), range(runs), noise)
-    motion, sensor = problem.motion(noise), problem.sensor(noise, record.places)
+    motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     return problem, record, estimate(experiment.filter, motion, sensor, record)
 
 
@@ -105,7 +105,7 @@ def test_stated_hessians_are_the_finite_differences():
     motion = settings("scenario=radar").scenario.motion(settings().noise.filter)
     function = motion.function(np.empty((0, 1)), 1.0)
     seen = np.array([[76.0, 10.0, 3.0], [-0.05, 2.0, -3.0]])
-    stated = function.curvature(seen)
+    stated = function.hessians(seen)
     np.testing.assert_allclose(stated, hessian(function.evaluate, seen, polar.PLACE), atol=1e-4)
 
 
@@ -225,6 +225,6 @@ def test_the_generators_belief_is_the_mean_and_the_covariance_asked_for(name):
     experiment = settings("scenario=generator", f"filter={name}")
     problem, noise = experiment.scenario, experiment.noise.filter
     record = problem.simulate(Streams(8, "generator"), range(2), noise)
-    found = estimate(experiment.filter, problem.motion(noise), problem.sensor(noise, record.places), record)
+    found = estimate(experiment.filter, problem.motion(noise), problem.sensor(noise, record.landmarks), record)
     np.testing.assert_allclose(found.mean[:, 0, 1], problem.mean, atol=1e-12)
     np.testing.assert_allclose(found.cov[:, :, 0, 1], problem.cov, atol=1e-12)

@@ -20,7 +20,7 @@ STEP_SD, RANGE_SD, STEPS = 0.3, 1.0, 6
 MOTION = Motion(LINE, lambda x, u, w, dt: (x[0] + u[0] + w[0],), lambda u, dt: np.array([[STEP_SD**2]]), 1)
 
 
-def ranges(state, place):
+def ranges(state, landmark):
     return sonar_beams.nearest_ranges(np.stack([state[0], np.zeros_like(state[0]), np.zeros_like(state[0])]), MARKS)
 
 
@@ -83,8 +83,8 @@ WEIGHTS = np.array([0.02, 0.31, 0.07, 0.005, 0.16, 0.11, 0.245, 0.08])
 
 def copies(scheme, times=4000):
     """How often each is chosen (8, times)."""
-    draws = Streams(5, "resampling").draws(scheme, range(times))
-    chosen = resample(scheme, np.repeat(WEIGHTS[:, None], times, axis=1), draws)
+    generators = Streams(5, "resampling").generators(scheme, range(times))
+    chosen = resample(scheme, np.repeat(WEIGHTS[:, None], times, axis=1), generators)
     return (chosen[:, None] == np.arange(WEIGHTS.size)[:, None]).sum(axis=0)
 
 

@@ -30,7 +30,7 @@ def fly(state, control, noise, dt):
     )
 
 
-def radar(state, place):
+def radar(state, landmark):
     x, y, z, _, _, _ = state
     ground = np.sqrt(x * x + y * y)
     return np.sqrt(ground * ground + z * z), np.arctan2(y, x), np.arctan2(z, ground)
@@ -58,9 +58,9 @@ class Ballistic(Scenario):
 
         return Motion(STATE, fly, noise_cov, 6)
 
-    def sensor(self, noise, places):
+    def sensor(self, noise, landmarks):
         sds = noise.measurement_scale * np.array([self.range_sd, self.angle_sd, self.angle_sd])
-        return Sensor(READING, STATE, radar, np.diag(sds**2), places)
+        return Sensor(READING, STATE, radar, np.diag(sds**2), landmarks)
 
     def simulate(self, streams, runs, noise):
         time = 0.5 * np.arange(1, self.steps + 1)

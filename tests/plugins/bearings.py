@@ -56,8 +56,10 @@ class Ship(Scenario):
         cov = (noise.process_scale * self.acceleration_sd) ** 2 * np.eye(2)
         return Motion(STATE, sail, lambda control, dt: cov, 2, sail_jacobians)
 
-    def sensor(self, noise, places):
-        return Sensor(READING, STATE, bearing, np.array([[(noise.measurement_scale * self.bearing_sd) ** 2]]), places)
+    def sensor(self, noise, landmarks):
+        return Sensor(
+            READING, STATE, bearing, np.array([[(noise.measurement_scale * self.bearing_sd) ** 2]]), landmarks
+        )
 
     def simulate(self, streams, runs, noise):
         motion, sensor = self.motion(noise), self.sensor(noise, STATIONS)
@@ -69,8 +71,8 @@ class Ship(Scenario):
         truth = walk(streams, runs, motion, begin, time, control)
         taken = [(k, station) for k in range(self.steps) for station in (0, 1) if station == 0 or k % 3 == 2]
         step, station = np.array(taken).T
-        target = np.repeat(station[:, None], len(runs), axis=1)
+        landmark_number = np.repeat(station[:, None], len(runs), axis=1)
         blur = self.bearing_sd * noise.measurement_scale * streams.normals("readings", runs, (1, step.size))
-        values = READING.plus(sensor.read(truth[:, step], sensor.place(target)), blur)
-        readings = Readings(step, values, target)
-        return Record(0.0, time, truth, control, readings, prior, places=STATIONS, origin=begin)
+        values = READING.plus(sensor.read(truth[:, step], sensor.landmark(landmark_number)), blur)
+        readings = Readings(step, values, landmark_number)
+        return Record(0.0, time, truth, control, readings, prior, landmarks=STATIONS, origin=begin)

@@ -46,8 +46,8 @@ class Cart(Scenario):
 
         return Motion(STATE, coast, noise_cov, 2)
 
-    def sensor(self, noise, places):
-        return Sensor(READING, STATE, place, np.array([[(noise.measurement_scale * self.reading_sd) ** 2]]), places)
+    def sensor(self, noise, landmarks):
+        return Sensor(READING, STATE, place, np.array([[(noise.measurement_scale * self.reading_sd) ** 2]]), landmarks)
 
     def simulate(self, streams, runs, noise):
         time = 0.3 * np.arange(1, self.steps + 1)

@@ -19,7 +19,7 @@ def grow(state, control, noise, dt):
     return (0.5 * x + 25.0 * x / (1.0 + x * x) + wave + w,)
 
 
-def squared(state, place):
+def squared(state, landmark):
     (x,) = state
     return (0.05 * x * x,)
 
@@ -40,9 +40,9 @@ class Growth(Scenario):
         cov = np.array([[noise.process_scale**2 * self.process_variance]])
         return Motion(STATE, grow, lambda control, dt: cov, 1)
 
-    def sensor(self, noise, places):
+    def sensor(self, noise, landmarks):
         cov = np.array([[noise.measurement_scale**2 * self.reading_variance]])
-        return Sensor(READING, STATE, squared, cov, places)
+        return Sensor(READING, STATE, squared, cov, landmarks)
 
     def simulate(self, streams, runs, noise):
         time = np.arange(1.0, self.steps + 1.0)

@@ -23,7 +23,7 @@ def drive(state, control, noise, dt):
     return x + way * np.cos(heading), y + way * np.sin(heading), heading + dt * (turn + sharper)
 
 
-def look(state, place):
+def look(state, landmark):
     x, y, heading = state
     return x, y, heading
 
@@ -45,9 +45,9 @@ class Log(Scenario):
         cov = noise.process_scale**2 * np.diag([self.speed_sd**2, self.turn_sd**2])
         return Motion(STATE, drive, lambda control, dt: cov / dt, 2)
 
-    def sensor(self, noise, places):
+    def sensor(self, noise, landmarks):
         sds = noise.measurement_scale * np.array([self.gps_sd, self.gps_sd, self.compass_sd])
-        return Sensor(READING, STATE, look, np.diag(sds**2), places)
+        return Sensor(READING, STATE, look, np.diag(sds**2), landmarks)
 
     def simulate(self, streams, runs, noise):
         raise UserError("log simulates nothing; run it with data=files data.path=DIR, the folder of log.csv")

@@ -35,7 +35,7 @@ def forecast(state, control, noise, dt):
     )
 
 
-def observe(state, place):
+def observe(state, landmark):
     return tuple(state[i] for i in range(0, SIZE, 2))
 
 
@@ -55,9 +55,9 @@ class Lorenz96(Scenario):
         cov = (noise.process_scale * self.noise_sd) ** 2 * np.eye(SIZE)
         return Motion(STATE, forecast, lambda control, dt: cov, SIZE)
 
-    def sensor(self, noise, places):
+    def sensor(self, noise, landmarks):
         cov = (noise.measurement_scale * self.reading_sd) ** 2 * np.eye(READING.size)
-        return Sensor(READING, STATE, observe, cov, places)
+        return Sensor(READING, STATE, observe, cov, landmarks)
 
     def simulate(self, streams, runs, noise):
         time = 0.05 * np.arange(1, self.steps + 1)

@@ -16,15 +16,15 @@ class TwoWordsError(Exception):
         super().__init__(f"{one} {other}")
 
 
-def work(what, number, tick):
-    """A piece: its number and its process. Something happens in workers alone, which this says of a piece."""
+def work(what, number, on_step):
+    """A task: its number and its process. Something happens in workers alone, which this says of a task."""
     for _ in range(STEPS):
-        tick()
+        on_step()
     if current_process().name != "MainProcess":
         if what == "warn":
-            warnings.warn(f"piece {number}", RuntimeWarning, stacklevel=1)
+            warnings.warn(f"task {number}", RuntimeWarning, stacklevel=1)
         elif what == "log":
-            logging.getLogger("estlab").warning("piece %d", number)
+            logging.getLogger("estlab").warning("task %d", number)
         elif what == "die":
             os.kill(os.getpid(), signal.SIGKILL)
         elif what == "exit":

@@ -1,4 +1,4 @@
-"""What the steps of a filter are written in: pieces of a program, and what they need to know of models and filter."""
+"""What the steps of a filter are written in: routines of a program, and what they need to know of models and filter."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -30,12 +30,12 @@ class PointSet:
 class Method:
     """A filter, by what its steps do.
 
-    transform: along tangents, with second derivatives (of which form), through points, or through points on factors.
+    transform: linearised, with second derivatives (of which form), through points, or through points on factors.
     motion, sensor: the points for each. augmented: whether the noises go through the models with the state.
     iterations: of the update. updating: whether readings are used. gated: whether some are refused.
     """
 
-    transform: Literal["tangent", "gaussian", "modified", "points", "factors"]
+    transform: Literal["linearised", "gaussian", "modified", "points", "factors"]
     motion: PointSet | None = None
     sensor: PointSet | None = None
     augmented: bool = False
@@ -64,7 +64,7 @@ class Parameters:
         return tracer.leaf("parameter", self._numbers[name], settled=True)
 
 
-class Piece:
+class Routine:
     """A part of the program: components in, components out."""
 
     def __init__(self, n: int) -> None:
@@ -103,7 +103,7 @@ def slots(n: int) -> int:
 
 
 class Steps:
-    """The pieces of a filter.
+    """The routines of a filter.
 
     noise: which entries (i, j), j <= i, of the process noise's covariance (or factor) are not zero, in the order of the
     table they come from. measurement_noise: rows of the covariance of the readings, and of its factor.
@@ -167,9 +167,9 @@ class Steps:
             whole = block_diagonal(whole, single) if whole else single
         return whole
 
-    def given(self, piece: Piece) -> tuple[Row, Any]:
+    def given(self, routine: Routine) -> tuple[Row, Any]:
         """Command and length of a prediction."""
-        return piece.tracer.leaves("control", self.motion.controls), piece.tracer.leaf("lapse", 0, settled=True)
+        return routine.tracer.leaves("control", self.motion.controls), routine.tracer.leaf("lapse", 0, settled=True)
 
     def has(self, values: Row) -> Symbol | None:
         """Whether a run has any of a reading; None: each does."""
@@ -182,8 +182,8 @@ class Steps:
         return found
 
 
-def unless(condition: Symbol | None, piece: Piece, entry: Any, otherwise: float) -> Any:
+def unless(condition: Symbol | None, routine: Routine, entry: Any, otherwise: float) -> Any:
     """An entry, or a number where the condition is true; None: it never is."""
     if condition is None or (is_zero(entry) and otherwise == 0.0):
         return entry
-    return piece.choose(condition, otherwise, entry)
+    return routine.choose(condition, otherwise, entry)
