@@ -15,8 +15,10 @@ def loop(
         f"br label %{name}_head",
         f"{name}_head:",
         f"%{name} = phi i64 [{first}, %{name}_in], [%{name}_next, %{name}_tail]",
-        *(f"%{value} = phi {kind} [{start}, %{name}_in], [%{value}_next, %{name}_tail]"
-          for value, (kind, start) in (carried or {}).items()),
+        *(
+            f"%{value} = phi {kind} [{start}, %{name}_in], [%{value}_next, %{name}_tail]"
+            for value, (kind, start) in (carried or {}).items()
+        ),
         f"%{name}_more = icmp slt i64 %{name}, {last}",
         f"br i1 %{name}_more, label %{name}_body, label %{name}_out",
         f"{name}_body:",

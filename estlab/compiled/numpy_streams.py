@@ -9,7 +9,6 @@ Numbers are NumPy's to the last bit, but for the tail beyond 3.65, one in 4000, 
 place. :func:`agrees` holds the code to the NumPy that is there.
 """
 
-import math
 from collections.abc import Callable
 from functools import cache
 
@@ -260,7 +259,7 @@ def _normals() -> list[str]:
         f"%enough = sub i64 %count, {_TOGETHER}",
         "br label %head",
         "head:",
-        f"%i = phi i64 [0, %entry], [%further, %cores], [%single, %alone]",
+        "%i = phi i64 [0, %entry], [%further, %cores], [%single, %alone]",
         f"%before = phi i128 [%first, %entry], [%s{_TOGETHER}, %cores], [%after, %alone]",
         "%place = getelementptr double, ptr %out, i64 %i",
         "%fits = icmp sle i64 %i, %enough",

@@ -13,8 +13,8 @@ from estlab.compiled.emit import Access
 from estlab.compiled.flow import loop, row, when
 from estlab.compiled.functions import Lowered
 from estlab.compiled.particle_routines import EIGHT
-from estlab.compiled.routines import Routine
 from estlab.compiled.programs import ATTRIBUTES, MOST_OPERATIONS
+from estlab.compiled.routines import Routine
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
@@ -122,9 +122,7 @@ def _text(routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[l
     arithmetic = lowered.graph
     outputs = [(name, index, node) for (name, index, _), node in zip(routine.outputs, lowered.outputs, strict=True)]
     if arithmetic.nodes[lowered.beyond][0] != "false":
-        flag = operation(
-            arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), arithmetic.leaf("flag", 0)
-        )
+        flag = operation(arithmetic, "select", lowered.beyond, arithmetic.constant(1.0), arithmetic.leaf("flag", 0))
         outputs.append(("flag", 0, flag))
     order = arithmetic.needed(node for _, _, node in outputs)
     if len(order) > MOST_OPERATIONS:

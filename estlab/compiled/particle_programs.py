@@ -15,7 +15,7 @@ STREAMS = ("state", "layers")
 DRAWING = ("RUNS", "COUNT", "row", *STREAMS, "out", "NORMAL")
 CHOICE = ("weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
 CHOOSING = ("RUNS", "COUNT", *CHOICE)
-MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_STRIDE", "lapse", "control",
+MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_STRIDE", "LAPSE", "control",
           "CONTROL_NEXT", "factor", "FACTOR_NEXT", *CHOICE, "nth_few", "U_DRAWN", "log", "even",
           "gathered")  # fmt: skip
 NORMALISING = (*COMMON, "log", "linear", "size", "vanished", "pair")
@@ -49,7 +49,7 @@ def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
         *when("resampling", "%resampled", resample(n)),
         "%run_source = select i1 %resampled, ptr %gathered, ptr %run_before",
         "%source_stride = select i1 %resampled, i64 %COUNT, i64 %CLOUD_STRIDE",
-        "%dt = load double, ptr %lapse, align 8",
+        "%dt = bitcast i64 %LAPSE to double",
         "%drawn = icmp ne i64 %DRAWN, 0",
         *when("drawing", "%drawn", [
             f"%normals = mul i64 %COUNT, {q}",

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from estlab.compiled import numpy_streams
 from estlab.compiled.particle_routines import EIGHT, Entries
 from estlab.filters.particle import ParticleFilter, Particles, whitening_of
 from estlab.filters.particle_code import ParticleCode
@@ -70,16 +69,15 @@ class CompiledParticleFilter(ParticleFilter):
 
     def _stepped(self, step: Step, z: Array, generators: Any, **given: Any) -> Array:
         (n, count, runs), code = step.before.shape, self.code
+        common = code.common(count, max(n, z.shape[1]), runs, generators)
         after, before = cloud.empty(n, count, runs), _flat(step.before)
         control, factor = _by_runs(step.control), _by_runs(step.factor)
         given.setdefault("nth_few", np.full(runs, -1))
         code.move(
-            _entries(step.factor), len(step.control), **code.common(count, max(n, z.shape[1]), generators, runs), **given,
-            state=generators.state, layers=numpy_streams.layers(), z=z, Z_NEXT=_next(z), before=before, after=after,
-            CLOUD_STRIDE=count * runs, lapse=np.array([step.dt]), control=control, CONTROL_NEXT=_next(control),
-            factor=factor, FACTOR_NEXT=_next(factor), edge=code.room("edge", count + 1),
-            position=code.room("position", count + 1), chosen=code.room("chosen", count),
-            even=np.array([-np.log(count), 1.0 / count]), gathered=code.room("gathered", n * count),
+            _entries(step.factor), len(step.control), **common, **given, z=z, Z_NEXT=_next(z), before=before,
+            after=after, CLOUD_STRIDE=count * runs, LAPSE=float(step.dt), control=control, CONTROL_NEXT=_next(control),
+            factor=factor, FACTOR_NEXT=_next(factor), chosen=code.address("chosen", count),
+            gathered=code.address("gathered", n * count),
         )  # fmt: skip
         return after
 
@@ -98,30 +96,34 @@ class CompiledParticleFilter(ParticleFilter):
         mean, cov = np.empty((runs, m)), np.empty((runs, m, m))
         found, padded, point = _Weights(count, runs), -(-count // EIGHT) * EIGHT, _flat(belief.points)
         matrix = whitening_of(sensor, reading)
-        reading, whitening, landmarks = _by_runs(reading), _by_runs(matrix), _by_runs(landmark)
+        reading, whitening, landmarks = (
+            _by_runs(reading),
+            _by_runs(matrix),
+            np.ascontiguousarray(landmark.T, dtype=float),
+        )
         before, linear = _flat(belief.weights.log), _flat(belief.weights.linear)
         self.code.weigh(
-            _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), generators, runs),
-            **found.fields, pair=self.code.room("pair", 2), NORMALISED=int(normalised), point=point,
+            _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), runs, generators),
+            **found.fields, NORMALISED=int(normalised), point=point,
             CLOUD_STRIDE=count * runs, log_before=before, weight=linear, reading=reading,
             whitening=whitening, WHITENING_NEXT=_next(whitening), landmark=landmarks, LANDMARK_NEXT=_next(landmarks),
-            expected=self.code.room("expected", m * padded), EXPECTED_STRIDE=padded, mean=mean, cov=cov,
+            expected=self.code.address("expected", m * padded), EXPECTED_STRIDE=padded, mean=mean, cov=cov,
         )  # fmt: skip
         return found.weights(), Gaussian(mean.T, cov.transpose(1, 2, 0))
 
     def _weights(self, logs: Array) -> Weights:
         found = _Weights(*logs.shape)
         found.fields["log"] = _flat(logs)
-        common = self.code.common(*logs.shape[:1], 1, None, logs.shape[1])
-        self.code.normalise(**common, **found.fields, pair=self.code.room("pair", 2))
+        count, runs = logs.shape
+        self.code.normalise(**self.code.common(count, 1, runs, None), **found.fields)
         return found.weights()
 
     def _moments(self, space: Space, points: Array, weights: Array, generators: Any) -> Gaussian:
         n, count, runs = points.shape
         mean, cov, vector, weight = np.empty((runs, n)), np.empty((runs, n, n)), _flat(points), _flat(weights)
         self.code.sum(
-            **self.code.common(count, n + len(space.angles), generators, runs), vector=vector, CLOUD_STRIDE=count * runs,
-            weight=weight, mean=mean, cov=cov,
+            **self.code.common(count, n + len(space.angles), runs, generators), vector=vector,
+            CLOUD_STRIDE=count * runs, weight=weight, mean=mean, cov=cov,
         )  # fmt: skip
         return Gaussian(mean.T, cov.transpose(1, 2, 0))
 
@@ -130,10 +132,7 @@ class CompiledParticleFilter(ParticleFilter):
             return super()._chosen(weights, generators)
         (count, runs), weight, code = weights.shape, _flat(weights), self.code
         chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(generators, drawn=True)
-        code.choose(
-            RUNS=runs, COUNT=count, weight=weight, **choice, edge=code.room("edge", count + 1),
-            position=code.room("position", count + 1), chosen=chosen,
-        )  # fmt: skip
+        code.choose(**code.common(count, 0, runs, None), **choice, weight=weight, chosen=chosen)
         return chosen.T
 
     def _choice(self, generators: Generators, drawn: bool) -> dict[str, Any]:
@@ -141,11 +140,10 @@ class CompiledParticleFilter(ParticleFilter):
         count = self.particles
         numbers = 1 if self.resampling == "systematic" else count
         strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
+        u: Array | int = self.code.address("u", numbers)
         if drawn:
-            u = generators.uniforms((numbers,)).T
+            u = _flat(generators.uniforms((numbers,)))
             u = np.sort(u) if self.resampling == "multinomial" else u
-        else:
-            u = self.code.room("u", numbers)
         return {
             "u": u, "U_NEXT": numbers if drawn else 0, "U_STRIDE": int(numbers > 1), "U_DRAWN": 0 if drawn else numbers,
             "strata": strata,

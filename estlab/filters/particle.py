@@ -59,7 +59,7 @@ class ParticleFilter(Filter):
     injection: share of the particles drawn anew from the prior at each resampling.
     bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud;
     Musso, Oudjane and Le Gland 2001, section 12.2.3, with the shrinkage of Liu and West 2001, section 10.3.2.
-    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction likelihood the
+    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction fits the
     reading; Pitt and Shephard 1999.
     recovery: what to do when every log-weight is -inf, as where a reading or a model is not finite: ``flatten`` forgets
     the reading, ``redraw`` begins again from the prior. However small, a likelihood is none of these: the particle
@@ -96,7 +96,9 @@ class ParticleFilter(Filter):
         points, step = self._drawn(motion, before.points, control, dt, belief.generators)
         return self._after(before._replace(points=points), step)
 
-    def update(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Particles, Innovation]:
+    def update(
+        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
+    ) -> tuple[Particles, Innovation]:
         weights, expected = self._weighed(sensor, belief, reading, landmark)
         weighed = belief._replace(weights=weights)
         innovation = _innovation(sensor, expected, reading)
@@ -161,7 +163,7 @@ class ParticleFilter(Filter):
         )
 
     def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Particles:
-        """Ancestors drawn by how their noiseless prediction likelihood, moved with the noise and weighed for the choice."""
+        """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
         last = belief.last
         if last is None:
             return belief
@@ -182,7 +184,9 @@ class ParticleFilter(Filter):
 
     # The work on whole clouds, which compiled code does too: see estlab.filters.compiled_particles.
 
-    def _drawn(self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators) -> tuple[Array, Step]:
+    def _drawn(
+        self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators
+    ) -> tuple[Array, Step]:
         """The points (n, N, runs) after a step whose noise is drawn; and the step."""
         step = Step.drawn(motion, points, control, dt, generators)
         return self._moved(step, generators), step
@@ -222,11 +226,12 @@ class ParticleFilter(Filter):
 
 
 def whitening_of(sensor: Sensor, reading: Array) -> Array:
-    """What turns differences from a reading (m, runs) into numbers (m, runs) whose squares sum to -log p.
+    """What turns differences from a reading (m, runs) into numbers whose squares sum to -log p; (m, m, runs or 1).
 
     A missing number says nothing.
     """
-    factor = cholesky(without(sensor.noise_cov, np.isnan(reading)))
+    missing = np.isnan(reading)
+    factor = cholesky(without(sensor.noise_cov, missing) if missing.any() else sensor.noise_cov[..., None])
     identity = np.eye(sensor.space.size)[..., None]
     return solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(identity, factor.shape))
 

@@ -9,7 +9,7 @@ import numpy as np
 from estlab.compiled import cache, numpy_streams, particle_programs
 from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.particle_routines import EIGHT, Entries
-from estlab.maths.space import Array, Space
+from estlab.maths.space import Array
 from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
@@ -25,6 +25,8 @@ class ParticleCode:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
         self._programs: dict[Any, tuple[cache.Program, Callable[[int], None]]] = {}
         self._rooms: dict[str, Array] = {}
+        self._addresses: dict[str, int] = {}
+        self._kept: dict[int, tuple[dict[str, Array], dict[str, int]]] = {}
 
     @cached_property
     def agrees(self) -> bool:
@@ -76,29 +78,40 @@ class ParticleCode:
         """Room for so many numbers, of no meaning between two calls."""
         if name not in self._rooms or self._rooms[name].size < size:
             self._rooms[name] = np.empty(size)
+            self._addresses[name] = self._rooms[name].ctypes.data
         return self._rooms[name][:size]
 
-    def common(self, count: int, rows: int, generators: "CompiledGenerators | None", runs: int) -> dict[str, Any]:
+    def address(self, name: str, size: int) -> int:
+        """Where that room begins."""
+        if name not in self._rooms or self._rooms[name].size < size:
+            self.room(name, size)
+        return self._addresses[name]
+
+    def common(self, count: int, rows: int, runs: int, generators: "CompiledGenerators | None") -> dict[str, Any]:
         """What all programs over particles are given. rows: the most components of a vector."""
-        present = np.ones(2 * EIGHT)
-        present[EIGHT + count % EIGHT :] = 0.0
-        return {
-            "RUNS": runs, "COUNT": count, "present": present,
-            "row": np.arange(runs) if generators is None else generators.row,
-            "flags": np.empty((runs, EIGHT)) if generators is None else generators.flags,
-            "aside": self.room("aside", EIGHT * (3 * rows + 4)),
-            "sums": self.room("sums", EIGHT * (rows * (rows + 3) // 2 + 2)),
+        own = generators.fields if generators else {"row": np.arange(runs), "flags": np.empty((runs, EIGHT))}
+        return self._constants(count) | own | {
+            "RUNS": runs, "COUNT": count, "aside": self.address("aside", EIGHT * (3 * rows + 4)),
+            "sums": self.address("sums", EIGHT * (rows * (rows + 3) // 2 + 2)),
+            "pair": self.address("pair", 2), "edge": self.address("edge", count + 1),
+            "position": self.address("position", count + 1),
         }  # fmt: skip
+
+    def _constants(self, count: int) -> dict[str, int]:
+        """Addresses of what hangs on the number of particles alone."""
+        if count not in self._kept:
+            present, even = np.ones(2 * EIGHT), np.array([-np.log(count), 1.0 / count])
+            present[EIGHT + count % EIGHT :] = 0.0
+            arrays = {"present": present, "even": even, "layers": numpy_streams.layers()}
+            self._kept[count] = arrays, {name: array.ctypes.data for name, array in arrays.items()}
+        return self._kept[count][1]
 
     def _run(self, key: Any, make: Callable[[], str], names: Sequence[str], given: dict[str, Any]) -> None:
         if key not in self._programs:
             program = cache.program(make())
             self._programs[key] = program, program.function("run")
-        numbers = [
-            value.ctypes.data if isinstance(value, np.ndarray) else value
-            for value in (given.get(name, 0) for name in names)
-        ]
-        self._programs[key][1](np.array(numbers, dtype=np.int64).ctypes.data)
+        fields = np.array([_word(given.get(name, 0)) for name in names], dtype=np.int64)
+        self._programs[key][1](fields.ctypes.data)
 
     def _drawing(self) -> str:
         return particle_programs.drawing(self.lanes)
@@ -123,10 +136,15 @@ class CompiledGenerators(Generators):
     def __init__(self, code: ParticleCode, state: Array, flags: Array, row: Array) -> None:
         self.code, self.state, self.flags, self.row = code, state, flags, row
 
+    @cached_property
+    def fields(self) -> dict[str, int]:
+        """The addresses of all three."""
+        return {"state": self.state.ctypes.data, "flags": self.flags.ctypes.data, "row": self.row.ctypes.data}
+
     @classmethod
     def at_start(cls, code: ParticleCode, generators: Generators) -> "CompiledGenerators":
         """The streams where they stand, which stay there. Raises ValueError if code and NumPy draw differently."""
-        state = numpy_streams.states(generators.by_run)
+        state = numpy_streams.states(list(generators))
         if not code.agrees:
             raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; take engine=numpy")
         return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
@@ -142,8 +160,13 @@ class CompiledGenerators(Generators):
 
     def _numbers(self, shape: tuple[int, ...], normal: int) -> Array:
         numbers = np.empty((self.row.size, *shape))
-        self.code.draw(
-            RUNS=self.row.size, COUNT=numbers[:1].size, row=self.row, state=self.state, out=numbers, NORMAL=normal,
-            layers=numpy_streams.layers(),
-        )  # fmt: skip
+        count = numbers[:1].size
+        self.code.draw(**self.code.common(count, 0, self.row.size, self), out=numbers, NORMAL=normal)
         return np.moveaxis(numbers, 0, -1)
+
+
+def _word(value: Any) -> int:
+    """A field of a program: an address or a number, of a float its bits."""
+    if isinstance(value, np.ndarray):
+        return value.ctypes.data
+    return int(np.float64(value).view(np.int64)) if isinstance(value, float) else value
