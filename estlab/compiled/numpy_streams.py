@@ -232,16 +232,11 @@ def _exact() -> list[str]:
 def _normals() -> list[str]:
     """Several outputs at once while all lie in their cores and as many are wanted; else one after another."""
     power, total = 1, 0
-    ahead = []
-    for k in range(1, _TOGETHER + 1):
+    ahead, several = [], []
+    for k in range(1, _TOGETHER + 1):  # the state after k steps: power * state + total * increment
         power, total = power * _MULTIPLIER % _STATE, (total * _MULTIPLIER + 1) % _STATE
-        ahead += [
-            f"%c{k} = mul i128 %increment, {total}",
-        ]
-        _powers[k] = power
-    several = []
-    for k in range(1, _TOGETHER + 1):
-        several += [f"%p{k} = mul i128 %before, {_powers[k]}", f"%s{k} = add i128 %p{k}, %c{k}"]
+        ahead.append(f"%c{k} = mul i128 %increment, {total}")
+        several += [f"%p{k} = mul i128 %before, {power}", f"%s{k} = add i128 %p{k}, %c{k}"]
         several += [*_output(f"o{k}", f"%s{k}"), *_candidate(f"x{k}", f"%o{k}")]
     all_in = ["%in1 = and i1 %x1_in, %x1_in"]
     all_in += [f"%in{k} = and i1 %in{k - 1}, %x{k}_in" for k in range(2, _TOGETHER + 1)]
@@ -289,6 +284,3 @@ def _normals() -> list[str]:
         "ret void",
         "}",
     ]
-
-
-_powers: dict[int, int] = {}

@@ -27,8 +27,8 @@ def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
         return Method("factors", points, points, gated=filter.gate is not None)
     if type(filter) not in (GaussianFilter, DeadReckoning, IteratedFilter):
         raise ValueError(
-            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, not this "
-            "filter; take engine=numpy"
+            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
+            "not this filter; take engine=numpy"
         )
     filter = cast(GaussianFilter, filter)
     augmented, gated = filter.noise == "augmented", filter.gate is not None

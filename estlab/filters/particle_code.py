@@ -23,7 +23,7 @@ class ParticleCode:
 
     def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
-        self._programs: dict[Any, tuple[cache.Program, Callable[[int], None]]] = {}
+        self._programs: dict[Any, tuple[cache.MachineCode, Callable[[int], None]]] = {}
         self._rooms: dict[str, Array] = {}
         self._addresses: dict[str, int] = {}
         self._kept: dict[int, tuple[dict[str, Array], dict[str, int]]] = {}
