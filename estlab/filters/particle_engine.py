@@ -10,7 +10,8 @@ from estlab.compiled import cache
 from estlab.compiled.trace import UntraceableError
 from estlab.errors import UserError
 from estlab.filters.compiled_particles import CompiledParticleFilter
-from estlab.filters.engine import no_compiler, replace_runs, take_runs, untraceable
+from estlab.filters.engine import CompiledLoop, no_compiler, replace_runs, take_runs, untraceable
+from estlab.filters.filter import Filter
 from estlab.filters.loop import Loop
 from estlab.filters.methods import MOST_STATES
 from estlab.filters.particle import ParticleFilter
@@ -31,6 +32,7 @@ class ParticleLoop(Loop):
 
     def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
         super().__init__(*parts)
+        self.particle_filter: ParticleFilter = parts[0]
         self.insist, self.lanes = insist, lanes
         self._code: ParticleCode | None = None
         self._refused = False
@@ -78,7 +80,9 @@ class ParticleLoop(Loop):
             if (streams := self._streams(generators)) is None:
                 return None
             code = streams.code
-            loop = Loop(_filter(self.filter, code), self.motion, self.sensor, self.scheme, self.pause)
+            loop = Loop(
+                CompiledParticleFilter.of(self.particle_filter, code), self.motion, self.sensor, self.scheme, self.pause
+            )
             estimates = loop.estimate(record, streams, on_step, watched)
         except UntraceableError as refusal:
             untraceable(refusal, self.insist)
@@ -102,6 +106,7 @@ class ParticleLoop(Loop):
             return None
 
 
-def _filter(filter: Any, code: ParticleCode) -> CompiledParticleFilter:
-    assert type(filter) is ParticleFilter
-    return CompiledParticleFilter.of(filter, code)
+def compiled_loop(filter: Filter, *parts: Any, insist: bool) -> Loop:
+    """The loop of a filter on the compiled engine. parts, insist: as for both kinds."""
+    kind = ParticleLoop if type(filter) is ParticleFilter else CompiledLoop
+    return kind(filter, *parts, insist=insist)
