@@ -20,7 +20,7 @@ from estlab.compiled.symbols import Symbol, UntraceableError
 
 
 @dataclass(frozen=True)
-class Column:
+class ParticleColumn:
     """Numbers of a run's particles, one row for each of some components: pointer + row * stride + particle.
 
     fill: what twins of the last particle have; None: what it has. padded: whether there is room for whole eights.
@@ -33,7 +33,7 @@ class Column:
     padded: bool = False
 
 
-Columns = Mapping[str, Column]
+Columns = Mapping[str, ParticleColumn]
 
 
 def over(
@@ -144,7 +144,7 @@ def _inlined(lines: Sequence[str], prefix: str, given: Mapping[str, str]) -> lis
     return [re.sub(r"%([A-Za-z_0-9]+)", renamed, line) for line in lines]
 
 
-def _copied_in(v: str, column: Column, place: int) -> list[str]:
+def _copied_in(v: str, column: ParticleColumn, place: int) -> list[str]:
     """The last particles of a run into their place aside, with twins of the last one."""
     body = [
         f"%{v}_i_real = icmp slt i64 %{v}_i, %rest",
@@ -171,7 +171,7 @@ def _copied_in(v: str, column: Column, place: int) -> list[str]:
     return loop(f"{v}_i", "0", str(EIGHT), body)
 
 
-def _copied_out(v: str, column: Column, place: int) -> list[str]:
+def _copied_out(v: str, column: ParticleColumn, place: int) -> list[str]:
     """What was found of the last particles from aside to where it belongs."""
     body = [f"%{v}_o_to = add i64 %{v}_o, %tail"]
     for k in range(column.rows):

@@ -4,7 +4,7 @@ from estlab.compiled import numpy_streams, particle_routines
 from estlab.compiled.flow import loop, row, when
 from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.particle_choice import choose, resample
-from estlab.compiled.particle_loops import Column, each_run, of_run, once, over, program, zeros
+from estlab.compiled.particle_loops import ParticleColumn, each_run, of_run, once, over, program, zeros
 from estlab.compiled.particle_routines import Entries
 from estlab.maths.space import Space
 
@@ -30,9 +30,9 @@ def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
     """The program that draws the noise of particles, and moves them."""
     n, q = motion.space.size, motion.noises
     columns = {
-        "z": Column("%run_z", q, "%COUNT"),
-        "before": Column("%run_source", n, "%source_stride"),
-        "after": Column("%run_after", n, "%CLOUD_STRIDE"),
+        "z": ParticleColumn("%run_z", q, "%COUNT"),
+        "before": ParticleColumn("%run_source", n, "%source_stride"),
+        "after": ParticleColumn("%run_after", n, "%CLOUD_STRIDE"),
     }
     body = [
         *of_run("z", "%Z_NEXT"),
@@ -64,12 +64,12 @@ def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
     """The program that holds particles against a reading, and makes weights of what it finds."""
     n, m, space = sensor.state.size, sensor.space.size, sensor.space
     columns = {
-        "point": Column("%run_point", n, "%CLOUD_STRIDE"),
-        "log_before": Column("%run_log_before", 1, "0"),
-        "weight": Column("%run_weight", 1, "0", fill="0.0"),
-        "log": Column("%run_log", 1, "0"),
-        "expected": Column("%expected", m, "%EXPECTED_STRIDE", padded=True),
-        "vector": Column("%expected", m, "%EXPECTED_STRIDE", padded=True),
+        "point": ParticleColumn("%run_point", n, "%CLOUD_STRIDE"),
+        "log_before": ParticleColumn("%run_log_before", 1, "0"),
+        "weight": ParticleColumn("%run_weight", 1, "0", fill="0.0"),
+        "log": ParticleColumn("%run_log", 1, "0"),
+        "expected": ParticleColumn("%expected", m, "%EXPECTED_STRIDE", padded=True),
+        "vector": ParticleColumn("%expected", m, "%EXPECTED_STRIDE", padded=True),
     }
     body = [
         *of_run("point", "%COUNT"),
@@ -100,7 +100,7 @@ def normalising(lanes: int) -> str:
 
 
 def _normalise(lanes: int) -> list[str]:
-    columns = {"log": Column("%run_log", 1, "0"), "linear": Column("%run_linear", 1, "0")}
+    columns = {"log": ParticleColumn("%run_log", 1, "0"), "linear": ParticleColumn("%run_linear", 1, "0")}
     both = ("log", "linear")
     return [
         *of_run("linear", "%COUNT"),
@@ -120,8 +120,8 @@ def summing(space: Space, lanes: int) -> str:
     """The program of the moments of clouds."""
     n = space.size
     columns = {
-        "vector": Column("%run_vector", n, "%CLOUD_STRIDE"),
-        "weight": Column("%run_weight", 1, "0", fill="0.0"),
+        "vector": ParticleColumn("%run_vector", n, "%CLOUD_STRIDE"),
+        "weight": ParticleColumn("%run_weight", 1, "0", fill="0.0"),
     }
     body = [
         *of_run("vector", "%COUNT"),
