@@ -10,6 +10,7 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import resource
 import sys
 import tempfile
 import time
@@ -22,10 +23,12 @@ from estlab.errors import printable
 
 log = logging.getLogger("estlab")
 
-_BUILT: dict[tuple[str, str], "Program"] = {}
+_ADDRESSES = 500 * 2**20
+
+_BUILT: dict[tuple[str, str], "MachineCode"] = {}
 
 
-class Program:
+class MachineCode:
     """Machine code in memory, with what keeps it there."""
 
     def __init__(self, code: bytes) -> None:
@@ -47,13 +50,25 @@ def folder() -> Path:
     return Path(os.environ.get("ESTLAB_CACHE") or caches / "estlab") / "compiled"
 
 
+def loadable() -> bool:
+    """Whether there is a compiler, and room for one: its import crashes in less memory."""
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most != resource.RLIM_INFINITY and most < _ADDRESSES:
+        return False
+    try:
+        _machine()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
 def lanes() -> int:
     """How many doubles a register of this processor holds."""
     features = _machine_features()
     return 8 if "+avx512f" in features else 4 if "+avx" in features.split(",") else 2
 
 
-def program(text: str) -> Program:
+def program(text: str) -> MachineCode:
     """The program of this text: from this process, from the folder, or compiled now."""
     digest = hashlib.sha256(f"{_processor()}\0{text}".encode()).hexdigest()
     key = str(folder()), digest
@@ -64,8 +79,8 @@ def program(text: str) -> Program:
         if code is None:
             code = compiled(text)
             _keep(digest, code)
-        _BUILT[key] = Program(code)
-        log.info("the filter's steps were %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
+        _BUILT[key] = MachineCode(code)
+        log.info("machine code was %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
     return _BUILT[key]
 
 

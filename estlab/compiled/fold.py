@@ -49,7 +49,8 @@ class Fold:
         """What is kept (k, N) after the numbers 0 to count - 1 of each of N members; and of which (N,) it is right.
 
         given: (n, N). table, first: component i of what a member looks up for a number is table[first[i] + number],
-        first being (l, N). kept: what is kept before the first.
+        first being (l, N). Members go on together as far as the longest of them, to numbers that the function is to
+        pass over, so the table ends with as many numbers more. kept: what is kept before the first.
         """
         members, lanes = count.size, self.lanes
         vectors = -(-members // lanes)
@@ -62,8 +63,7 @@ class Fold:
         arrays = {
             "most": most.reshape(vectors, lanes).max(axis=1, initial=0),
             "given": _padded(given, whole),
-            # A vector goes on as far as its longest member: what the others look up then is not used.
-            "table": np.concatenate([table, np.zeros(int(most.max(initial=0)) + 1)]),
+            "table": table,
             "landmark_number": _padded(first, whole),
             "kept": state,
             "parameter": np.array([*parameters, 0.0]),

@@ -16,8 +16,7 @@ from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
 _IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
-_MOST_OPERATIONS = 25_000
-
+MOST_OPERATIONS = 25_000
 
 # What a program is given, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
@@ -133,9 +132,9 @@ def _functions(
         text, count, calls[name] = routine_of(name, routine, access, lanes)
         lines += text
         operations += count
-    if operations > _MOST_OPERATIONS:
+    if operations > MOST_OPERATIONS:
         raise UntraceableError(
-            f"a step of {operations} operations, of which more than {_MOST_OPERATIONS} would take seconds to compile"
+            f"a step of {operations} operations, of which more than {MOST_OPERATIONS} would take seconds to compile"
         )
     return lines, calls
 

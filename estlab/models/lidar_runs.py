@@ -4,54 +4,54 @@ Compiled code finds which ray reads the smallest range; NumPy then says how much
 every frame in which rays lie so close that rounding could decide.
 """
 
-import resource
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import numpy as np
 
+from estlab.compiled.cache import loadable
 from estlab.compiled.fold import Fold
-from estlab.compiled.trace import UntraceableError
+from estlab.compiled.normals import code as normals_code
+from estlab.compiled.normals import one_after_another
 from estlab.maths.space import Array, wrap
+from estlab.maths.streams import Streams
 from estlab.models.lidar import STEP, cast, measure_frames, nearest_hit, rays, slabs
 
+PURPOSE = "readings"  # of the streams
 _CHUNK = 6_000  # frames, whose arrays stay in the cache
 _MANY = 40_000  # frames, from which on loading the compiler pays
-_ADDRESSES = 500 * 2**20  # that the compiler takes
 _SURE = 1e-9  # rad of bearing, and share of a range, within which rounding might decide
 _WIDE = 3.0  # rad
 _STEEP = 1e-5  # cosine of the angle between a ray and an edge's normal, below which its quotient is not as exact
 
 
-def measure_runs(states: Array, generators: Iterable[np.random.Generator], sds: Sequence[float]) -> Array:
+def measure_runs(states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> Array:
     """The three-number measurements (3, T, runs) of rectangles (6, T, runs) from frames of noisy points.
 
-    generators: each run's, from which noise is drawn. sds: of range [m] and bearing [rad].
+    Each run's noise is drawn from its stream for readings. sds: of range [m] and bearing [rad].
     """
-    _, steps, runs = states.shape
+    _, steps, count = states.shape
     together = max(1, _CHUNK // steps)
-    compiled = _compiled() if steps * runs >= _MANY else None
-    values = np.empty((3, steps, runs))
-    each = iter(generators)
-    for begin in range(0, runs, together):
-        some = states[:, :, begin : begin + together]
-        own = list(islice(each, some.shape[2]))
-        if compiled is None:
-            found = measure_frames(*noisy_frames(some, own, sds), some[0].size)
+    scan = _compiled() if steps * count >= _MANY else None
+    values = np.empty((3, steps, count))
+    for begin in range(0, count, together):
+        some, own = states[:, :, begin : begin + together], runs[begin : begin + together]
+        if scan is None:
+            found = measure_frames(*noisy_frames(some, streams, own, sds), some[0].size)
         else:
-            found = _by_rays(compiled, some, own, sds)
+            found = _by_rays(scan, some, streams, own, sds)
         values[:, :, begin : begin + together] = found.reshape(3, -1, steps).swapaxes(1, 2)
     return values
 
 
-def noisy_frames(states: Array, generators: Sequence[np.random.Generator], sds: Sequence[float]) -> tuple[Array, Array]:
+def noisy_frames(states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> tuple[Array, Array]:
     """Noisy points (2, N) of the frames of all steps of one run, then of the next; and their frames' numbers."""
     points, owner = cast(_one_run_after_another(states))
-    edges = np.searchsorted(owner, states.shape[1] * np.arange(len(generators) + 1))
+    edges = np.searchsorted(owner, states.shape[1] * np.arange(len(runs) + 1))
     noise = [
         generator.standard_normal((2, end - begin))
-        for generator, (begin, end) in zip(generators, pairwise(edges), strict=True)
+        for generator, (begin, end) in zip(streams.generators(PURPOSE, runs), pairwise(edges), strict=True)
     ]
     return points + np.asarray(sds)[:, None] * np.concatenate(noise, axis=1), owner
 
@@ -63,13 +63,7 @@ def _one_run_after_another(states: Array) -> Array:
 @cache
 def _compiled() -> Fold | None:
     """The scan as compiled code; None where there is no compiler, or no room for one."""
-    most, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if most != resource.RLIM_INFINITY and most < _ADDRESSES:
-        return None
-    try:
-        return Fold(_ray, given=7, looked_up=2, kept=7, parameters=2)
-    except (UntraceableError, ImportError, OSError):
-        return None
+    return Fold(_ray, given=7, looked_up=2, kept=7, parameters=2) if loadable() else None
 
 
 def _ray(number: Array, frame: Array, noise: Array, kept: Array, sds: Array) -> tuple[Array, ...]:
@@ -98,7 +92,7 @@ def _ray(number: Array, frame: Array, noise: Array, kept: Array, sds: Array) -> 
     )
 
 
-def _by_rays(scan: Fold, states: Array, generators: Sequence[np.random.Generator], sds: Sequence[float]) -> Array:
+def _by_rays(scan: Fold, states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> Array:
     """The measurements (3, runs * T), the frames of one run after those of another."""
     steps, state = states.shape[1], _one_run_after_another(states)
     first, last, nearest, start, count = rays(state)
@@ -112,9 +106,7 @@ def _by_rays(scan: Fold, states: Array, generators: Sequence[np.random.Generator
     # A run's numbers are those of the ranges of all its points, then those of their bearings.
     edges = np.concatenate([[0], np.cumsum(count)])
     ends = edges[::steps]
-    noise = np.zeros(2 * edges[-1] + count.max(initial=0) + 1)
-    for generator, (begin, end) in zip(generators, pairwise(ends), strict=True):
-        generator.standard_normal(out=noise[2 * begin : 2 * end])
+    noise = one_after_another(normals_code(), streams, PURPOSE, runs, 2 * ends, int(count.max(initial=0)) + 1)
     of_range = edges[:-1] + np.repeat(ends[:-1], steps)
     looked_up = np.stack([of_range, of_range + np.repeat(np.diff(ends), steps)])
 

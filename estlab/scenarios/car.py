@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.datasets import matlab, problem3
 from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.errors import UserError
@@ -193,7 +194,7 @@ class Car(Scenario):
         """The state at -dt (6, runs) and at each time (6, T, runs)."""
         start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
         begin = _BEGIN[:, None] + _BEGIN_WITHIN[:, None] * start
-        rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
+        rates = normals(streams, "truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
         if self.truth == "model":
             rates = rates * np.asarray(self.process_sd)[:, None]
         else:
@@ -212,8 +213,8 @@ class Car(Scenario):
     ) -> tuple[Array, dict[str, Array]]:
         """The measurements (3, T, runs) from noisy frames, and the frames of the first run."""
         sds = (scale * self.lidar_range_sd, scale * self.lidar_bearing_sd)
-        values = measure_runs(truth, streams.generators("readings", runs), sds)
-        points, owner = noisy_frames(truth[:, :, :1], [streams.generator("readings", runs[0])], sds)
+        values = measure_runs(truth, streams, runs, sds)
+        points, owner = noisy_frames(truth[:, :, :1], streams, runs[:1], sds)
         return values, {"points": points, "owner": owner}
 
     def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
@@ -222,7 +223,7 @@ class Car(Scenario):
             return Gaussian(np.repeat(np.array(self.initial_mean, dtype=float)[:, None], len(runs), axis=1), cov)
         # No car is of negative size: of several draws of the initial error, each run takes the first that leaves
         # length and width at the smallest or more.
-        errors = streams.normals("prior", runs, (6, 40))
+        errors = normals(streams, "prior", runs, (6, 40))
         candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), errors)
         valid = (candidates[LENGTH:] >= self.smallest).all(axis=0)
         mean = np.take_along_axis(candidates, valid.argmax(axis=0)[None, None], axis=1)[:, 0]

@@ -25,7 +25,7 @@ def _ends_and_sum(number, given, looked_up, kept, parameters):
 def test_a_fold_is_the_loop_over_each_members_numbers(lanes):
     rng = np.random.default_rng(3)
     count = np.array([5, 0, 1, 7, 2, 2, 9, 3, 0, 4, 6])
-    first, table = np.cumsum(count) - count, rng.standard_normal(count.sum())
+    first, table = np.cumsum(count) - count, rng.standard_normal(count.sum() + count.max())
     given = np.stack([count, rng.uniform(-9.0, 9.0, count.size)])
     given[1, 4] = 2e6  # beyond what the sine is right for
     fold = Fold(_ends_and_sum, given=2, looked_up=1, kept=3, parameters=1, lanes=lanes)
@@ -60,7 +60,7 @@ def test_frames_measured_by_compiled_code_are_those_by_numpy_to_the_last_bit(mon
 
     def measured(least):
         monkeypatch.setattr(lidar_runs, "_MANY", least)
-        return lidar_runs.measure_runs(states, Streams(2, "test").generators("readings", runs), sds)
+        return lidar_runs.measure_runs(states, Streams(2, "test"), runs, sds)
 
     compiled, by_numpy = measured(0), measured(STEPS * RUNS + 1)
     np.testing.assert_array_equal(compiled, by_numpy)
@@ -72,9 +72,9 @@ def test_a_run_scanned_alone_is_that_run_among_all(monkeypatch):
     states = _drives()
     monkeypatch.setattr(lidar_runs, "_MANY", 0)
     streams = Streams(2, "test")
-    together = lidar_runs.measure_runs(states, streams.generators("readings", range(RUNS)), (0.3, 0.005))
+    together = lidar_runs.measure_runs(states, streams, range(RUNS), (0.3, 0.005))
     for run in (0, 5):
-        alone = lidar_runs.measure_runs(states[:, :, [run]], streams.generators("readings", [run]), (0.3, 0.005))
+        alone = lidar_runs.measure_runs(states[:, :, [run]], streams, [run], (0.3, 0.005))
         np.testing.assert_array_equal(alone[:, :, 0], together[:, :, run])
 
 
