@@ -32,7 +32,8 @@ from estlab.experiment.monte_carlo import (
     workers,
 )
 from estlab.parallel import cores
-from estlab.report import console, csv_tables, expected, terminal
+from estlab.report import console, csv_tables, grids, terminal
+from estlab.report.expected import HEADINGS, expected_grid
 from estlab.rundir import RunDirectory
 
 _CROWDED = 4  # processes a core that may be asked for
@@ -179,7 +180,7 @@ def _hold_to(expect: Any, found: results.Results, attempts: Attempts) -> list[Fi
     if held:
         log.info(expectations.unmet(held) or "all expectations met")
         attempts.write(rundir.EXPECTATIONS, partial(csv_tables.write, expectations.columns(held)))
-        attempts.show("expectations", lambda: expected.show(expected.HEADINGS, [found.cells() for found in held]))
+        attempts.show("expectations", lambda: grids.show(expected_grid(HEADINGS, [found.cells() for found in held])))
     return held
 
 

@@ -46,9 +46,9 @@ def pictures(
         found["errors.png"] = lambda: draw_errors(errors, space, title, runs)
         if space.size > MOST:
             found["components.png"] = lambda: draw_components(errors, space, title)
-    for file, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
+    for file, column in ((rundir.NEES, "anees"), (rundir.NIS, "anis")):
         if shown := consistency_of(tables.get(file, {}), column):
-            found[f"{column[1:]}.png"] = partial(draw_consistency, shown, column, what, title, runs)
+            found[f"{column[1:]}.png"] = partial(draw_consistency, shown, column, title, runs)
     sizes = {name: noted(one, "ess") for name, one in tables.get(rundir.NOTES, {}).items() if "ess" in one["note"]}
     if sizes:
         found["ess.png"] = lambda: draw_ess(sizes, title, runs)
