@@ -169,7 +169,7 @@ def _settings(before: "Finished", config: Mapping[str, Any], wanted: Rerun) -> "
     """The configuration as objects, held to estlab's own classes and the plugins that were typed."""
     from estlab import rundir
     from estlab.config.build import build
-    from estlab.experiment import experiment
+    from estlab.experiment.compatibility import check
     from estlab.experiment.monte_carlo import Names
 
     names = Names(before.scenario, before.filter, before.changes)
@@ -177,7 +177,7 @@ def _settings(before: "Finished", config: Mapping[str, Any], wanted: Rerun) -> "
         sys.path.insert(0, str(Path.cwd()))
     try:
         settings = build(config)
-        experiment.check(settings, names)
+        check(settings, names)
     except UserError as error:
         theirs = before.config.get("plugins")
         hint = f" (its own plugins, {theirs}, do not count: type those that you trust)" if theirs else ""

@@ -25,7 +25,7 @@ from estlab.metrics.intervals import (
     time_share_interval,
     time_share_test,
 )
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import LAGS
 from estlab.metrics.tally import Tally
 
@@ -65,12 +65,12 @@ class Test(NamedTuple):
 
 @dataclass(frozen=True)
 class _Asked:
-    """A test before it is known at which level it is judged. shown: at a level, what the value is of and the value."""
+    """A test before it is known at which level it is judged. at_level: what the value is of, and the value."""
 
     name: str
     expected: float
     p: float
-    shown: Callable[[float], tuple[str, Estimate]]
+    at_level: Callable[[float], tuple[str, Estimate]]
     why: str = ""
 
 
@@ -84,14 +84,14 @@ def consistency_tests(tally: Tally) -> list[Test]:
 
 def _answered(asked: _Asked, adjusted: float, level: float) -> Test:
     answer = np.isfinite(level)
-    of, found = asked.shown(float(level) if answer else LEVEL)
+    of, found = asked.at_level(float(level) if answer else LEVEL)
     if not answer:
         why = asked.why or "nothing varies"
         return Test(asked.name, of, found._replace(low=np.nan, high=np.nan), asked.expected, np.nan, why=why)
     return Test(asked.name, of, found, asked.expected, asked.p, float(adjusted), float(level))
 
 
-def nees_of(tally: Tally, which: str = "") -> tuple[str, Moments]:
+def nees_of(tally: Tally, which: str = "") -> tuple[str, SampleMoments]:
     """What NEES is divided by, and each run's quotient: n, or the mean of its law where covariances are a sample's.
 
     Of steps with a law alone; but of all, by n, where too many have none. which: "_converged" for these runs alone.
@@ -124,12 +124,12 @@ def _nis(tally: Tally) -> _Asked:
     freedom = float(tally.sums["measured"].sum()) / (runs if tally.repeated else 1)
     value = float(tally.sums["nis"].sum() / tally.sums["nis_mean"].sum())
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
         lower, upper = (float(bound) for bound in chi_square_band(np.array(freedom), level))
         return of, Estimate(value, value / upper, value / lower, 1 if tally.repeated else runs)
 
-    return _Asked(NIS, 1.0, chi_square_test(value * freedom, freedom), shown)
+    return _Asked(NIS, 1.0, chi_square_test(value * freedom, freedom), at_level)
 
 
 def _bias(tally: Tally) -> _Asked:
@@ -169,11 +169,11 @@ def _whiteness(tally: Tally) -> _Asked:
     worst = int(np.argmax(away))
     p = min(1.0, float(_SINGLE_LAGS * 2.0 * ndtr(-away[worst])))
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         half = float(deviation[worst] * ndtri(1.0 - level / (2.0 * _SINGLE_LAGS)))
         return f"lag {worst + 1}", Estimate(float(each[worst]), float(each[worst]) - half, float(each[worst]) + half, 1)
 
-    return _Asked(WHITENESS, 0.0, p, shown)
+    return _Asked(WHITENESS, 0.0, p, at_level)
 
 
 def single_correlations(whitened: Array, lags: int) -> tuple[Array, Array]:
@@ -203,13 +203,13 @@ def _inside(tally: Tally) -> list[_Asked]:
     p_values = [time_share_test(parts[i], LEAST_INSIDE) for i in below]
     worst, among = below[int(np.argmin(p_values))], len(parts)
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         return tally.space.names[worst], time_share_interval(parts[worst], level / among)
 
-    return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), shown)]
+    return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), at_level)]
 
 
-def _any_off_zero(moments: Moments) -> float:
+def _any_off_zero(moments: SampleMoments) -> float:
     """The p-value of all of several means being zero: the smallest of Student's t, times their number (Bonferroni).
 
     It is below a level just where one of their intervals of that level over their number leaves out zero.
@@ -219,7 +219,7 @@ def _any_off_zero(moments: Moments) -> float:
     return min(1.0, count * float(np.nanmin(each))) if np.isfinite(each).any() else np.nan
 
 
-def _furthest(moments: Moments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
+def _furthest(moments: SampleMoments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
     """The name of the mean that is furthest from zero, and its interval for all of them to hold together.
 
     Of those whose interval leaves out zero; where none does, the furthest in its own standard errors, if it has any.
@@ -235,7 +235,7 @@ def _furthest(moments: Moments, names: Sequence[str], level: float) -> tuple[str
     return names[worst], each[worst]
 
 
-def intervals_of_all(moments: Moments, level: float) -> list[Estimate]:
+def intervals_of_all(moments: SampleMoments, level: float) -> list[Estimate]:
     """Each mean with an interval such that all hold together but for ``level`` (Bonferroni)."""
     count = moments.mean.shape[0]
     return [mean_interval(moments.component(i), level / count) for i in range(count)]
@@ -251,7 +251,7 @@ def _no_innovations(tally: Tally) -> str:
     return "no reading passed the gate" if tally.gated else "there are no innovations"
 
 
-def _unscored(tally: Tally, moments: Moments) -> str:
+def _unscored(tally: Tally, moments: SampleMoments) -> str:
     if int(moments.count):
         return ""
     if tally.diverged["not_definite"]:

@@ -116,12 +116,12 @@ class Epuck(Scenario):
     ) -> Record:
         recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        shown = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        beside = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
         record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
         return replace(
             record,
             files=recording.files,
-            remarks=(f"the files hold no truth: nothing is scored{shown}", *recording.remarks),
+            remarks=(f"the files hold no truth: nothing is scored{beside}", *recording.remarks),
             repeated=True,
         )
 
@@ -129,7 +129,9 @@ class Epuck(Scenario):
         if record.time.size < 2:
             raise UserError("steps must be >= 2: the files need three rows, the first two for the initial estimate")
         kept = slice(record.time.size + 1)
-        return files.write(files.Recording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix)
+        return files.write(
+            files.EpuckRecording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix
+        )
 
     def draw(self, axes: "Axes", history: History) -> None:
         axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")

@@ -138,8 +138,8 @@ class Landmark(Scenario):
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
         prior = self._prior(streams, runs, begin)
-        shown = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
-        return Record(0.0, time, truth, control, readings, prior, landmarks=_LANDMARKS, extra=shown, origin=begin)
+        extra = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
+        return Record(0.0, time, truth, control, readings, prior, landmarks=_LANDMARKS, extra=extra, origin=begin)
 
     def read(
         self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS
@@ -170,7 +170,7 @@ class Landmark(Scenario):
         control = np.concatenate([record.control[:, :, 0].T, np.zeros((1, 2))])
         seen = np.isfinite(record.readings.values[:, :, 0]).all(axis=0)
         assert record.origin is not None
-        recording = mrclam.Recording(
+        recording = mrclam.LandmarkRecording(
             odometry=np.column_stack([time, control]),
             truth=np.column_stack([time, np.concatenate([record.origin[:, 0][None], record.truth[:, :, 0].T])]),
             reading_time=record.time[record.readings.step[seen]],

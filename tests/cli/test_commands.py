@@ -14,7 +14,7 @@ import yaml
 
 from estlab import __version__
 from estlab.cli.main import main
-from estlab.experiment import results
+from estlab.experiment import statistics
 from estlab.filters.engine import CompiledLoop
 from estlab.metrics import tabulated
 from tests.conftest import ROOT
@@ -431,7 +431,7 @@ def test_a_statistic_that_breaks_is_a_remark_and_a_run_without_errors_has_failed
         raise ZeroDivisionError("one over nothing")
 
     words = ["run", "scenario=field", *TINY, "plots=false", "expect.efficiency.x=[0,9]"]
-    monkeypatch.setattr(results, "posterior_bound", broken)
+    monkeypatch.setattr(statistics, "posterior_bound", broken)
     assert main([*words, "expect=null", "hydra.run.dir=remark"]) == 0
     said = "missing: Cramér-Rao bound (ZeroDivisionError: one over nothing); the traceback is in log.txt"
     assert said in capsys.readouterr().out
