@@ -13,20 +13,20 @@ from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Si
 from estlab.maths.transforms import Linearised, SecondOrder
 from estlab.models.contract import Motion, Sensor
 
-_MOST_POINTS, _MOST_STATES = 128, 24
+_MOST_POINTS, MOST_STATES = 128, 24
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
 def method_of(filter: AnyFilter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's count of numbers is that of one update. Raises ValueError for another filter."""
     n = motion.space.size
-    if n > _MOST_STATES:
-        raise ValueError(f"it unrolls states of {_MOST_STATES} components at most, not {n}; take engine=numpy")
+    if n > MOST_STATES:
+        raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; take engine=numpy")
     method = _METHODS.get(type(filter))
     if method is None:
         raise ValueError(
-            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter; "
-            "take engine=numpy"
+            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
+            "not this filter; take engine=numpy"
         )
     return method(filter, motion, sensor)
 
