@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from estlab.filters.filter import Filter
     from estlab.maths.gaussian_belief import Gaussian
     from estlab.maths.space import Space
+    from estlab.maths.streams import Streams
     from estlab.maths.uniform import Uniform
     from estlab.models.contract import Motion, Sensor
 
@@ -46,6 +47,7 @@ _HOMES = {
     "Run": "estlab.api.run",
     "Sensor": "estlab.models.contract",
     "Space": "estlab.maths.space",
+    "Streams": "estlab.maths.streams",
     "Uniform": "estlab.maths.uniform",
     "UserError": "estlab.errors",
     "estimate": "estlab.api.estimation",
@@ -64,6 +66,7 @@ __all__ = [
     "Run",
     "Sensor",
     "Space",
+    "Streams",
     "Uniform",
     "UserError",
     "__version__",
