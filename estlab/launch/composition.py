@@ -45,12 +45,14 @@ def install() -> None:
 def installed() -> Iterator[None]:
     """The same for the body alone."""
     sources = SourcesRegistry.instance().types
-    before = sources.get("file", hydras_files.FileConfigSource), hydras_own.ConfigLoaderImpl, hydras_own.Hydra
+    source, hydra = sources.get("file", hydras_files.FileConfigSource), hydras_own.Hydra
+    loader = hydras_own.ConfigLoaderImpl  # type: ignore[attr-defined]
     install()
     try:
         yield
     finally:
-        sources["file"], hydras_own.ConfigLoaderImpl, hydras_own.Hydra = before  # type: ignore[attr-defined, misc]
+        sources["file"], hydras_own.Hydra = source, hydra  # type: ignore[misc]
+        hydras_own.ConfigLoaderImpl = loader  # type: ignore[attr-defined]
 
 
 class Hydra(hydras_own.Hydra):

@@ -20,7 +20,7 @@ ONE_AT_A_TIME = threading.RLock()
 
 
 class Composition(NamedTuple):
-    """What words compose: the configuration as plain data and as text, the names in it, the words, the run directory."""
+    """What words compose: the configuration as data and as text, the names in it, the words, the run directory."""
 
     plain: dict[str, Any]
     names: "Names"

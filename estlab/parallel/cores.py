@@ -72,7 +72,7 @@ def keep_memory() -> None:
 
 @contextlib.contextmanager
 def memory_given_back() -> Iterator[None]:
-    """After the body, which may keep memory, what is free goes back to the system, and from then on as it usually does."""
+    """After the body, which may keep memory, what is free goes back to the system, and from then on as usual."""
     try:
         yield
     finally:
@@ -84,7 +84,7 @@ def memory_given_back() -> Iterator[None]:
 
 
 def _tell_allocator(kept: int) -> None:
-    """How many free bytes it keeps; of arrays up to the most that it maps, it is how glibc ends up of its own accord."""
+    """How many free bytes it keeps, among arrays of all sizes, as glibc ends up doing of its own accord."""
     import ctypes
 
     with contextlib.suppress(AttributeError, OSError):
