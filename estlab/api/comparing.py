@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from estlab.comparison.differences import unlike
 from estlab.comparison.pairing import pairs
-from estlab.comparison.rows import ComparisonRow, Metric, labelled, rows_of
+from estlab.comparison.rows import ComparisonRow, labelled, rows_of
 from estlab.config.build import nearest
 from estlab.errors import UserError
+from estlab.metrics.vocabulary import Metric, usual
 from estlab.report.compared import VERDICT, lines
 from estlab.rundir import finished
 from estlab.rundir.search import run_directories
@@ -72,9 +73,8 @@ def chosen_metrics(rows: Sequence[ComparisonRow], names: Sequence[str]) -> list[
     """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
     known = list(dict.fromkeys([*(metric for row in rows for metric in row.metrics), VERDICT]))
     if not names:
-        errors = dict.fromkeys(metric for row in rows for metric in _errors(row))
-        usual = [("anees", "all"), ("anis", "all"), ("diverged", "all"), VERDICT]
-        return [*errors, *(metric for metric in usual if metric in known)]
+        errors = dict.fromkeys(metric for row in rows for metric in usual(row.metrics) if metric[0] == "rmse")
+        return [*errors, *(metric for metric in usual(known) if metric[0] != "rmse")]
     chosen: list[Metric] = []
     for name in names:
         found = [metric for metric in known if name in (metric[0], ".".join(metric))]
@@ -83,11 +83,6 @@ def chosen_metrics(rows: Sequence[ComparisonRow], names: Sequence[str]) -> list[
             raise UserError(f"--metric {name}: no run has it{near or '; their metrics.csv lists what there is'}")
         chosen += found
     return list(dict.fromkeys(chosen))
-
-
-def _errors(row: ComparisonRow) -> list[Metric]:
-    errors = [metric for metric in row.metrics if metric[0] == "rmse"]
-    return [metric for metric in (("rmse", "position"), ("rmse", "all")) if metric in errors][:1] or errors
 
 
 def number_of(rows: Sequence[ComparisonRow], wanted: str) -> int:

@@ -13,7 +13,8 @@ from estlab.launch.launcher import FAILED, OK, complain
 
 if TYPE_CHECKING:
     from estlab.comparison.pairing import Pair
-    from estlab.comparison.rows import ComparisonRow, Metric
+    from estlab.comparison.rows import ComparisonRow
+    from estlab.metrics.vocabulary import Metric
     from estlab.report.grids import Grid
 
 _PICTURES = (".png", ".pdf", ".svg")
@@ -113,7 +114,7 @@ def _show(
     """Every output but the picture."""
     from estlab.datasets.whole import write_whole
     from estlab.report import compared as shown
-    from estlab.report import grids
+    from estlab.report.console import print_line
 
     write = partial(shown.write, shown.lines(rows, metrics, against, compared, components))
     if options.csv == _STDOUT:
@@ -130,7 +131,7 @@ def _show(
         if options.md or options.latex:
             complain(line)
         else:
-            grids.say(line)
+            print_line(line)
 
 
 def _print(grid: "Grid", options: CompareOptions) -> None:
