@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from estlab import rundir
-from estlab.experiment.pictures import drawn
+from estlab.experiment.drawing import drawn
 from estlab.experiment.result import Result
 from estlab.report import csv_tables
 from estlab.rundir import RunDirectory
