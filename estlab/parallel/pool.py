@@ -51,7 +51,7 @@ class Workers(Generic[R]):
         self._heard = 0.0
         self._most = cores.processes(wanted, len(tasks))
         self.cores = 1  # processes at work, this one included
-        self._forks = _can_fork()
+        self._forks = can_fork()
         self._at_once = self._forks or wanted is not None
 
     def __enter__(self) -> Self:
@@ -175,7 +175,7 @@ class Workers(Generic[R]):
         self._processes.clear()
 
 
-def _can_fork() -> bool:
+def can_fork() -> bool:
     """Whether this process has one thread alone, so that none holds a lock that nobody in the child would let go."""
     return sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
 
