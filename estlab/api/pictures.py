@@ -48,10 +48,10 @@ def _made(make: plots.Make) -> "Figure | None":
 def _makers(source: Source) -> dict[str, plots.Make]:
     """What draws each picture that a run may have, by its name."""
     scenario, arrays, filters = source.settings.scenario, source.arrays(), list(source.filters)
-    histories = {name: history_of(arrays, name, len(filters)) for name in filters}
+    histories = {name: history_of(arrays, name, filters) for name in filters}
 
     def draw(axes: "Axes", name: str, place: int) -> None:
-        scenario.draw(axes, history_of(arrays, name, len(filters), place))
+        scenario.draw(axes, history_of(arrays, name, filters, place))
 
     data = plots.PlotData(
         tables=_tables(source),

@@ -11,8 +11,8 @@ from estlab.api import tables
 from estlab.config.build import Settings, build
 from estlab.config.earlier import completed
 from estlab.errors import UserError, printable
-from estlab.experiment.monte_carlo import SMOOTHED
 from estlab.maths.space import Array, Space
+from estlab.record import SMOOTHED
 from estlab.rundir import finished
 
 if TYPE_CHECKING:

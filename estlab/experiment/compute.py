@@ -109,7 +109,7 @@ def result_of(settings: Settings, names: Names, ensemble: Ensemble, facts: dict[
     bounds = bounds_of(settings, names, ensemble, attempts)
     findings = {name: findings_of(settings, name, ensemble, bounds[name], attempts) for name in ensemble.kept}
     arrays = histories_of(ensemble, settings.run_numbers[0])
-    histories = {name: history_of(arrays, name, len(findings)) for name in findings}
+    histories = {name: history_of(arrays, name, list(findings)) for name in findings}
     own = attempts.made(f"{names.scenario}.csv", lambda: settings.scenario.table(histories)) or {}
     by_filter = tables_of(ensemble, findings, bounds, attempts)
     cost = facts["seconds_per_run_and_step"]

@@ -23,12 +23,12 @@ from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.parallel.pool import OnStep, Workers
-from estlab.record import Estimates, Record
+from estlab.record import SMOOTHED, Estimates, Record
+from estlab.report.palette import colours
 from estlab.scenarios.scenario import History
 from estlab.validation import problem
 from estlab.validation.user_filter import try_filter
 
-SMOOTHED = "_smoothed"
 _CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 
 log = logging.getLogger("estlab")
@@ -264,9 +264,9 @@ def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
     return arrays | {f"shown.{name}": array for name, array in (record.extra | sums).items()}
 
 
-def history_of(arrays: dict[str, Array], name: str, filters: int, row: int = 0) -> History:
-    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
-    prefix = f"{name}." if filters > 1 else ""
+def history_of(arrays: dict[str, Array], name: str, filters: Sequence[str], row: int = 0) -> History:
+    """The run of one of the filters at a place among those kept, from the arrays of estimates.npz."""
+    prefix = f"{name}." if len(filters) > 1 else ""
     extra = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
     return History(
         time=arrays["time"],
@@ -279,6 +279,7 @@ def history_of(arrays: dict[str, Array], name: str, filters: int, row: int = 0) 
         landmarks=arrays["places"],
         extra=extra,
         run=int(arrays["run"][row]),
+        colour=colours(filters)[name],
     )
 
 
