@@ -8,7 +8,7 @@ import numpy as np
 from estlab.api.run_sources import Source
 from estlab.config.build import nearest
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import history_of
+from estlab.experiment.histories import history_of
 from estlab.report import plots
 from estlab.report.figures import png
 

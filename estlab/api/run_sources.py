@@ -13,7 +13,7 @@ from estlab.api import tables
 from estlab.config.build import Settings, build
 from estlab.config.earlier import completed
 from estlab.errors import UserError, printable
-from estlab.experiment.monte_carlo import history_of
+from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
 from estlab.maths.space import Array, Space
 from estlab.record import SMOOTHED

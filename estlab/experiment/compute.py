@@ -14,17 +14,8 @@ from estlab.config.expectations import Finding
 from estlab.experiment import parts
 from estlab.experiment.attempts import Attempts
 from estlab.experiment.blocks import block
-from estlab.experiment.monte_carlo import (
-    Ensemble,
-    Names,
-    check_answers,
-    estimated,
-    filters_of,
-    histories_of,
-    history_of,
-    record_of,
-    workers,
-)
+from estlab.experiment.histories import histories_of, history_of
+from estlab.experiment.monte_carlo import Ensemble, Names, check_answers, estimated, filters_of, record_of, workers
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.statistics import bounds_of, findings_of, tables_of

@@ -10,7 +10,8 @@ from estlab.config import expectations
 from estlab.config.build import Settings
 from estlab.config.expectations import Finding
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import Names, history_of
+from estlab.experiment.histories import history_of
+from estlab.experiment.monte_carlo import Names
 from estlab.maths.space import Array
 from estlab.metrics.filter_tables import Table
 from estlab.report import csv_tables
