@@ -13,15 +13,16 @@ from estlab.maths.space import Space
 COMMON = ("RUNS", "COUNT", "row", "flags", "aside", "sums", "present")
 STREAMS = ("state", "layers")
 DRAWING = ("RUNS", "COUNT", "row", *STREAMS, "out", "NORMAL")
-CHOICE = ("weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
-CHOOSING = ("RUNS", "COUNT", *CHOICE)
+CHOOSING = ("RUNS", "COUNT", "weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
+RESAMPLING = ("weight", "log", "u", "U_NEXT", "U_STRIDE", "U_DRAWN", "strata")  # of a step that resamples
 MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_STRIDE", "LAPSE", "control",
-          "CONTROL_NEXT", "factor", "FACTOR_NEXT", *CHOICE, "nth_few", "U_DRAWN", "log", "even",
+          "CONTROL_NEXT", "factor", "FACTOR_NEXT", "nth_few", *RESAMPLING, "edge", "position", "chosen", "even",
           "gathered")  # fmt: skip
 NORMALISING = (*COMMON, "log", "linear", "size", "vanished", "pair")
-WEIGHING = (*NORMALISING, "NORMALISED", "point", "CLOUD_STRIDE", "log_before", "weight", "reading", "whitening",
-            "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected", "EXPECTED_STRIDE", "mean", "cov", "noise",
-            "whitened", "log_scale")  # fmt: skip
+NORMALISED = ("linear", "size", "vanished", "mean", "cov", "noise", "whitened", "log_scale")  # where weights are wanted
+WEIGHING = (*COMMON, "pair", "log", "NORMALISED", *NORMALISED, "point", "CLOUD_STRIDE", "log_before", "weight",
+            "reading", "whitening", "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected",
+            "EXPECTED_STRIDE")  # fmt: skip
 SUMMING = (*COMMON, "vector", "CLOUD_STRIDE", "weight", "mean", "cov")
 
 _LESS_THAN_ALL = "0xFFF0000000000000"

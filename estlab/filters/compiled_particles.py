@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estlab.compiled.particle_programs import NORMALISED, RESAMPLING
 from estlab.compiled.particle_routines import EIGHT
 from estlab.filters.filter import Innovation
 from estlab.filters.particle import ParticleFilter, Particles
@@ -73,7 +74,7 @@ class CompiledParticleFilter(ParticleFilter):
         common = code.common(count, max(n, z.shape[1]), runs, generators)
         after, before = cloud.empty(n, count, runs), flat(step.before)
         control, factor = by_runs(step.control), by_runs(step.factor)
-        given.setdefault("nth_few", np.full(runs, -1))
+        given = dict.fromkeys(RESAMPLING, 0) | {"nth_few": np.full(runs, -1)} | given
         code.move(
             entries_of(step.factor), len(step.control), **common, **given, z=z, Z_NEXT=apart(z), before=before,
             after=after, CLOUD_STRIDE=count * runs, LAPSE=float(step.dt), control=control, CONTROL_NEXT=apart(control),
@@ -97,7 +98,7 @@ class CompiledParticleFilter(ParticleFilter):
 
     def _likelihood(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Array:
         logs = np.empty(belief.weights.log.shape[::-1])
-        self._look(sensor, belief, reading, landmark, log=logs, NORMALISED=0)
+        self._look(sensor, belief, reading, landmark, log=logs, NORMALISED=0, **dict.fromkeys(NORMALISED, 0))
         return logs.T
 
     def _look(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array, **found: Any) -> None:

@@ -123,7 +123,7 @@ class ParticleCode:
         if key not in self._programs:
             program = cache.program(make())
             self._programs[key] = program, program.function("run")
-        fields = np.array([_word(given.get(name, 0)) for name in names], dtype=np.int64)
+        fields = np.array([_word(given[name]) for name in names], dtype=np.int64)
         self._programs[key][1](fields.ctypes.data)
 
     def _drawing(self) -> str:
