@@ -145,7 +145,7 @@ def correlations(whitened: Array, lags: int) -> Array:
         order = np.argsort(~has, axis=0, kind="stable")
         whitened = np.take_along_axis(whitened, order[None], axis=1)
     known = np.nan_to_num(whitened)
-    readings, total = count(has, 0), (known**2).sum(axis=(0, 1))
+    readings, total = count(np.asarray(has), 0), (known**2).sum(axis=(0, 1))
     found = np.full((lags, known.shape[2]), np.nan)
     for i in range(min(lags, known.shape[1] - 1)):
         found[i] = (known[:, i + 1 :] * known[:, : -i - 1]).sum(axis=(0, 1)) / np.where(total > 0.0, total, np.nan)
