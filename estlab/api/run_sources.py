@@ -13,9 +13,10 @@ from estlab.api import tables
 from estlab.config.build import Settings, build
 from estlab.config.earlier import completed
 from estlab.errors import UserError, printable
-from estlab.experiment.monte_carlo import SMOOTHED, history_of
+from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
 from estlab.maths.space import Array, Space
+from estlab.record import SMOOTHED
 from estlab.report.plots import PlotData
 from estlab.rundir import finished
 
@@ -187,7 +188,7 @@ class Stored:
         scenario, arrays = self.settings.scenario, self.arrays()
 
         def draw(axes: "Axes", name: str, place: int) -> None:
-            scenario.draw(axes, history_of(arrays, name, len(self.filters), place))
+            scenario.draw(axes, history_of(arrays, name, self.filters, place))
 
         return PlotData(
             tables=self._drawn_tables(),

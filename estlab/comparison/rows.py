@@ -9,6 +9,7 @@ from estlab import rundir
 from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.vocabulary import Metric
+from estlab.record import SMOOTHED
 from estlab.rundir.finished import Finished, table
 
 # Keys that change no figure, and those that stand in a row otherwise.
@@ -108,7 +109,7 @@ def _settings(run: Finished, filter: str) -> dict[str, Any]:
     several = config.get("filters")
     of_filter = config.get("filter")
     if isinstance(several, Mapping):
-        of_filter = several.get(filter, several.get(filter.removesuffix("_smoothed"), of_filter))
+        of_filter = several.get(filter, several.get(filter.removesuffix(SMOOTHED), of_filter))
     kept = {key: value for key, value in config.items() if key not in _NO_MATTER}
     return dict(flat(kept)) | dict(flat({"filter": of_filter}))
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 from estlab import rundir
 from estlab.config.build import build, nearest, sweep_settings
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import SMOOTHED, Names, filters_of
+from estlab.experiment.monte_carlo import Names, filters_of
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, pasted, write_page
 from estlab.metrics.objective import Objective
+from estlab.record import SMOOTHED
 from estlab.sweeps import announcements, jobs, split, state, table, trials
 from estlab.sweeps.dimensions import dimension
 from estlab.sweeps.progress import watched
