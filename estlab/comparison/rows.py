@@ -9,12 +9,11 @@ from estlab import rundir
 from estlab.config.settings import NEITHER, RECORD, without
 from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
+from estlab.metrics.vocabulary import Metric
 from estlab.rundir.finished import Finished, table
 
 _OF_FILTERS = ("filter", "filters")  # which stand in a row otherwise
 _SHOWN, _LONGEST = 4, 32
-
-Metric = tuple[str, str]  # its name and its component
 
 
 class Figure(NamedTuple):

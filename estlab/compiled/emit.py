@@ -20,9 +20,10 @@ _INTRINSICS = {"sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
 class Access(NamedTuple):
     """How a leaf or an output of this name lies in memory: its entry ``index`` at pointer + index * stride numbers.
 
-    kind: "lanes", one run beside the other; "one", the same for all; "value", the parameter itself; "landmark", at the
-    pointer + index * stride + the number that each lane has in %landmark_number, whose next row, %value_stride further,
-    is for the next ``columns`` indices; "same_landmark" likewise, by the number that stands for the first lane.
+    kind: "lanes", one run beside the other; "one", the same for all (an output is that of the first lane); "value", the
+    parameter itself; "landmark", at the pointer + index * stride + the number that each lane has in %landmark_number,
+    whose next row, %value_stride further, is for the next ``columns`` indices; "same_landmark" likewise, by the number
+    that stands for the first lane.
     """
 
     kind: str
@@ -74,7 +75,11 @@ def function(
     for kind, index, node in outputs:
         pointer = f"%out_{kind}_{index}"
         lines += _pointer(pointer, kind, index, access[kind])
-        lines.append(f"store {t.d} {names[node]}, ptr {pointer}, align 8")
+        if access[kind].kind == "one":
+            lines.append(f"{pointer}_s = extractelement {t.d} {names[node]}, i32 0")
+            lines.append(f"store double {pointer}_s, ptr {pointer}, align 8")
+        else:
+            lines.append(f"store {t.d} {names[node]}, ptr {pointer}, align 8")
     return [f"define internal void @{name}({parameters(access)}) #0 {{", *lines, "ret void", "}"]
 
 

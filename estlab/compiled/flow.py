@@ -3,14 +3,22 @@
 from collections.abc import Mapping, Sequence
 
 
-def loop(name: str, first: str, last: str, body: Sequence[str]) -> list[str]:
-    """The body for %name from first to last."""
+def loop(
+    name: str, first: str, last: str, body: Sequence[str], carried: Mapping[str, tuple[str, str]] | None = None
+) -> list[str]:
+    """The body for %name from first to last. carried: values by name, of a type and from a first one on, whose next
+    ones the body makes as %<name>_next.
+    """
     return [
         f"br label %{name}_in",
         f"{name}_in:",
         f"br label %{name}_head",
         f"{name}_head:",
         f"%{name} = phi i64 [{first}, %{name}_in], [%{name}_next, %{name}_tail]",
+        *(
+            f"%{value} = phi {kind} [{start}, %{name}_in], [%{value}_next, %{name}_tail]"
+            for value, (kind, start) in (carried or {}).items()
+        ),
         f"%{name}_more = icmp slt i64 %{name}, {last}",
         f"br i1 %{name}_more, label %{name}_body, label %{name}_out",
         f"{name}_body:",

@@ -16,8 +16,8 @@ from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
 _IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
-_MOST_OPERATIONS = 25_000
-_ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+MOST_OPERATIONS = 25_000
+ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
 # What a program is given, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
@@ -133,9 +133,9 @@ def _functions(
         text, count, calls[name] = routine_of(name, routine, access, lanes)
         lines += text
         operations += count
-    if operations > _MOST_OPERATIONS:
+    if operations > MOST_OPERATIONS:
         raise UntraceableError(
-            f"a step of {operations} operations, of which more than {_MOST_OPERATIONS} would take seconds to compile"
+            f"a step of {operations} operations, of which more than {MOST_OPERATIONS} would take seconds to compile"
         )
     return lines, calls
 
@@ -169,7 +169,7 @@ def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
         "%end = select i1 %short, i64 %vectors, i64 %full",
         *body,
     ]
-    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", _ATTRIBUTES, ""])
+    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", ATTRIBUTES, ""])
 
 
 def _at(v: str, n: int, lanes: int) -> list[str]:

@@ -19,6 +19,7 @@ from estlab.config.groups import SweepSettings
 from estlab.config.settings import Configuration, Names, Settings, settings_of
 from estlab.config.targets import check_targets, resolved
 from estlab.errors import PluginError, UserError, plugin_fault
+from estlab.filters.filter import AnyFilter, Filter
 
 Node = Mapping[str, Any]
 
@@ -44,6 +45,16 @@ def sweep_settings(config: Node) -> SweepSettings:
     Raises UserError like :func:`build`.
     """
     return typing.cast(SweepSettings, _Builder({"sweep": config}, ()).construct(SweepSettings, config, "sweep"))
+
+
+def filter_of(node: Node) -> AnyFilter:
+    """The filter that its settings alone describe, of estlab's own.
+
+    Raises UserError like :func:`build`.
+    """
+    allowed = ("estlab",)
+    check_targets(node, "filter", allowed)
+    return typing.cast(AnyFilter, _Builder({"filter": node}, allowed).convert(node, Filter, "filter"))
 
 
 def _plugins(names: Any) -> list[str]:
@@ -130,6 +141,8 @@ class _Builder:
             raise UserError(f"{path} must be given, for example {path}=...")
         if hint is Any:
             return value
+        if inspect.isclass(generic := typing.get_origin(hint)) and generic.__module__ not in ("builtins", "types"):
+            hint = generic  # of Filter[Any]
         if isinstance(value, Mapping):
             if "_target_" in value:
                 make = resolved(value["_target_"], hint, f"{path}._target_", self.allowed)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from estlab.config.groups import Data, Noise, SweepSettings
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter
 from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.scenario import Scenario
@@ -90,8 +90,8 @@ class _Keys:
 class Configuration(_Keys):
     """A configuration as it is typed: one filter, or several by name."""
 
-    filter: Filter
-    filters: dict[str, Filter]
+    filter: AnyFilter
+    filters: dict[str, AnyFilter]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,11 +102,11 @@ class Settings(_Keys):
     """
 
     names: Names
-    filters: dict[str, Filter]
+    filters: dict[str, AnyFilter]
     filter_group: Literal["filter", "filters"]
 
     @property
-    def filter(self) -> Filter:
+    def filter(self) -> AnyFilter:
         """The filter, of a run that has one. Raises ValueError where there are several."""
         (only,) = self.filters.values()
         return only

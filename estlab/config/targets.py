@@ -67,6 +67,7 @@ def _product(found: Any) -> Any:
     if inspect.isclass(found):
         return found
     try:
-        return typing.get_type_hints(found).get("return") if inspect.isfunction(found) else None
+        made = typing.get_type_hints(found).get("return") if inspect.isfunction(found) else None
     except NameError:
         return None
+    return typing.get_origin(made) or made

@@ -40,8 +40,8 @@ def _bound(settings: Settings, ensemble: Ensemble) -> Array | None:
 def findings_of(settings: Settings, name: str, ensemble: Ensemble, bound: Array | None, attempts: Attempts) -> Findings:
     """What the statistics say of one set of estimates."""
     of = name if name in settings.filters else name.removesuffix(SMOOTHED)
-    filter, group = settings.filters[of], settings.filter_key(of)
-    sampled = next((f"{group}.{key}" for key in ("particles", "members") if hasattr(filter, key)), "")
+    sampled_by = settings.filters[of].traits.sampled_by
+    sampled = f"{settings.filter_key(of)}.{sampled_by}" if sampled_by else ""
     tally = attempts.made(f"statistics of {name}", lambda: ensemble.total.tallies[name], needed=True)
     if tally is None:
         return Findings([], [], None)

@@ -8,9 +8,9 @@ from typing import Any
 
 from estlab.compiled.trace import UntraceableError
 from estlab.errors import UserError
-from estlab.filters.given import Given, Shape, Work
+from estlab.filters.given import FilterSetup, Given, Shape
 from estlab.filters.loop import Loop
-from estlab.filters.through import Program, Through
+from estlab.filters.through import FilterProgram, Through
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
 from estlab.record import Estimates, Readings, Record
@@ -32,12 +32,12 @@ class CompiledLoop(Loop):
     def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
         super().__init__(*parts)
         self.insist, self.lanes = insist, lanes
-        self.work = Work(self.filter, self.motion, self.sensor, self.scheme, self.pause)
+        self.setup = FilterSetup(self.filter, self.motion, self.sensor, self.scheme, self.pause)
 
     @property
     def compiles(self) -> bool:
         try:
-            self.work.method()
+            self.setup.method()
         except ValueError:
             return False
         return True
@@ -45,7 +45,7 @@ class CompiledLoop(Loop):
     def check_engine(self) -> None:
         """Raise ValueError for a filter that is not compiled, if the engine is insisted on."""
         if self.insist:
-            self.work.method()
+            self.setup.method()
 
     def prepare(self, record: Record, generators: Generators) -> None:
         """Trace and compile, or find it compiled."""
@@ -62,7 +62,7 @@ class CompiledLoop(Loop):
         found = self._through(program, given, record, on_step)
         estimates, weak = found.whole(record.runs), found.weak(record.runs)
         if weak.any():
-            _replace(estimates, weak, super().estimate(_take(record, weak), generators))
+            replace_runs(estimates, weak, super().estimate(take_runs(record, weak), generators))
         return estimates
 
     def estimate_and_smooth(
@@ -78,43 +78,40 @@ class CompiledLoop(Loop):
         weak = found.weak(record.runs) | smoothed.weak(record.runs)
         pair = found.whole(record.runs), smoothed.whole(record.runs)
         if weak.any():
-            for mine, numpy in zip(pair, super().estimate_and_smooth(_take(record, weak), generators), strict=True):
-                _replace(mine, weak, numpy)
+            for mine, numpy in zip(pair, super().estimate_and_smooth(take_runs(record, weak), generators), strict=True):
+                replace_runs(mine, weak, numpy)
         return pair
 
     def _given(self, record: Record, generators: Generators) -> Given | None:
         """The record as compiled code takes it; None if there is none for this filter."""
         try:
-            return Given(self.work, record, generators, self.lanes)
+            return Given(self.setup, record, generators, self.lanes)
         except ValueError:
             if self.insist:
                 raise
         except (ImportError, OSError) as error:
-            reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
-            if self.insist:
-                raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
-            log.warning("engine=numpy, since %s", reason)
+            no_compiler(error, self.insist)
         return None
 
     @cached_property
-    def _programs(self) -> dict[tuple[Shape, bool], Program | None]:
+    def _programs(self) -> dict[tuple[Shape, bool], FilterProgram | None]:
         return {}
 
-    def _built(self, shape: Shape, smooth: bool) -> Program | None:
+    def _built(self, shape: Shape, smooth: bool) -> FilterProgram | None:
         """The program for data of this shape; None if the models are refused, and that is no error."""
         if (shape, smooth) not in self._programs:
             try:
-                self._programs[shape, smooth] = Program(self.work, shape, smooth)
+                self._programs[shape, smooth] = FilterProgram(self.setup, shape, smooth)
             except UntraceableError as refusal:
-                if self.insist:
-                    raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
-                log.info("engine=numpy, since models cannot be traced: %s", refusal)
+                untraceable(refusal, self.insist)
                 self._programs[shape, smooth] = None
         return self._programs[shape, smooth]
 
-    def _through(self, program: Program, given: Given, record: Record, on_step: Callable[[], None] | None) -> Through:
+    def _through(
+        self, program: FilterProgram, given: Given, record: Record, on_step: Callable[[], None] | None
+    ) -> Through:
         steps, size = record.time.size, max(1, _AT_ONCE // given.runs)
-        found = Through(self.work, program, given, steps)
+        found = Through(self.setup, program, given, steps)
         for first in range(0, steps, size):
             last = min(first + size, steps)
             found.go(first, last)
@@ -124,11 +121,26 @@ class CompiledLoop(Loop):
         return found
 
 
+def untraceable(refusal: UntraceableError, insist: bool) -> None:
+    """Say that models are refused: as an error if compiled code is insisted on."""
+    if insist:
+        raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
+    log.info("engine=numpy, since models cannot be traced: %s", refusal)
+
+
+def no_compiler(error: ImportError | OSError, insist: bool) -> None:
+    """Say that the compiler cannot be loaded: as an error if compiled code is insisted on."""
+    reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
+    if insist:
+        raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
+    log.warning("engine=numpy, since %s", reason)
+
+
 def _nothing() -> None:
     """For steps that nobody counts."""
 
 
-def _take(record: Record, runs: Array) -> Record:
+def take_runs(record: Record, runs: Array) -> Record:
     """Some of the runs of a record."""
     readings = record.readings
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, runs]
@@ -137,9 +149,14 @@ def _take(record: Record, runs: Array) -> Record:
     return replace(record, truth=record.truth[:, :, runs], control=control, readings=part, prior=prior)
 
 
-def _replace(estimates: Estimates, runs: Array, part: Estimates) -> None:
+def replace_runs(estimates: Estimates, runs: Array, part: Estimates) -> None:
     """Replace those of some runs."""
     for name in ("mean", "cov", "whitened", "log_scale"):
         getattr(estimates, name)[..., runs] = getattr(part, name)
     for name, values in part.notes.items():
         estimates.notes[name][:, runs] = values
+    if estimates.sample is not None and part.sample is not None:
+        estimates.sample[..., runs] = part.sample
+    for name in part.cloud.keys() - {"step"}:  # of the first runs alone
+        kept = part.cloud[name]
+        estimates.cloud[name][..., runs[: kept.shape[-1]]] = kept

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Innovation, Prior, Sample, innovation_of
+from estlab.filters.filter import Filter, Innovation, Prior, Sample, Traits, innovation_of
 from estlab.filters.step import Step
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian
@@ -15,23 +15,23 @@ from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 
-class Ensemble(NamedTuple):
+class Members(NamedTuple):
     """Members (n, members, runs), and the generators they are perturbed from."""
 
     points: Array
     generators: Generators
 
-    def take(self, runs: Array) -> "Ensemble":
+    def take(self, runs: Array) -> "Members":
         """The belief in some of the runs."""
-        return Ensemble(cloud.take(self.points, runs), self.generators.take(runs))
+        return Members(cloud.take(self.points, runs), self.generators.take(runs))
 
-    def replaced(self, runs: Array, part: "Ensemble") -> "Ensemble":
+    def replaced(self, runs: Array, part: "Members") -> "Members":
         """The belief with those of some runs replaced."""
-        return Ensemble(cloud.replaced(self.points, runs, part.points), self.generators)
+        return Members(cloud.replaced(self.points, runs, part.points), self.generators)
 
 
 @dataclass(frozen=True)
-class EnsembleFilter(Filter):
+class EnsembleFilter(Filter[Members]):
     """The stochastic ensemble Kalman filter, with perturbed readings. Burgers, van Leeuwen and Evensen 1998.
 
     members: >= 2, and more than the state has components if the covariance is to be definite.
@@ -47,21 +47,25 @@ class EnsembleFilter(Filter):
         if not self.inflation >= 1.0:
             raise ValueError(f"inflation must be >= 1, got {self.inflation:g}")
 
+    @property
+    def traits(self) -> Traits:
+        return Traits(points=self.members, sampled_by="members")
+
     def check(self, motion: Motion, sensor: Sensor) -> None:
         if self.members <= motion.space.size:
             raise ValueError(f"members must be > {motion.space.size}, the size of the state, got {self.members}")
 
-    def start(self, prior: Prior, generators: Generators) -> Ensemble:
-        return Ensemble(cloud.laid_out(prior.sample(generators, self.members)), generators)
+    def start(self, prior: Prior, generators: Generators) -> Members:
+        return Members(cloud.laid_out(prior.sample(generators, self.members)), generators)
 
-    def predict(self, motion: Motion, belief: Ensemble, control: Array, dt: float) -> Ensemble:
+    def predict(self, motion: Motion, belief: Members, control: Array, dt: float) -> Members:
         points = Step.drawn(motion, belief.points, control, dt, belief.generators).points()
         if self.inflation > 1.0:
             mean = _mean(motion.space, points)[:, None]
             points = motion.space.plus(mean, self.inflation * motion.space.minus(points, mean))
-        return Ensemble(points, belief.generators)
+        return Members(points, belief.generators)
 
-    def update(self, sensor: Sensor, belief: Ensemble, reading: Array, landmark: Array) -> tuple[Ensemble, Innovation]:
+    def update(self, sensor: Sensor, belief: Members, reading: Array, landmark: Array) -> tuple[Members, Innovation]:
         m = sensor.space.size
         expected = cloud.laid_out(sensor.read(belief.points, landmark))
         mean = _mean(sensor.space, expected)
@@ -79,14 +83,14 @@ class EnsembleFilter(Filter):
         kalman_gain = matmul(matmul(cross, transpose(whitening)), whitening)
         points = sensor.state.plus(belief.points, cloud.combined(kalman_gain, each))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
-        return Ensemble(points, belief.generators), innovation_of(whitened, factor, missing, None)
+        return Members(points, belief.generators), innovation_of(whitened, factor, missing, None)
 
-    def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
+    def moments(self, belief: Members, motion: Motion) -> Gaussian:
         even = cloud.even(self.members, belief.points.shape[2], 1.0 / self.members)
         mean, cov = cloud.moments(motion.space, belief.points, even)
         return Gaussian(mean, cov * (self.members / (self.members - 1)))
 
-    def sample(self, belief: Ensemble) -> Sample:
+    def sample(self, belief: Members) -> Sample:
         runs = belief.points.shape[2]
         return Sample(np.full(runs, float(self.members)), np.ones(runs))
 
