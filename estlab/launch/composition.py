@@ -5,7 +5,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from estlab.config.locations import conf_folder
 from estlab.config.targets import located
 from estlab.errors import UserError
-from estlab.launch import yaml_bounds
+from estlab.launch import resolvers, yaml_bounds
 from estlab.launch.path_arguments import PATHS, home
 
 # What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
@@ -33,12 +33,28 @@ _LOGGERS = re.compile(r"logging\.((Stream|File|Null)Handler|Formatter|handlers\.
 _COLOURS = "colorlog.ColoredFormatter"
 _STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
 
+resolvers.register()  # at import: a worker of a sweep unpickles the loader below, and calls nothing else of estlab
+
 
 def install() -> None:
     """From now on Hydra composes by what is here, in this process and in those that are given its jobs."""
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
     hydras_own.Hydra = Hydra  # type: ignore[misc]
+
+
+@contextmanager
+def installed() -> Iterator[None]:
+    """The same for the body alone."""
+    sources = SourcesRegistry.instance().types
+    source, hydra = sources.get("file", hydras_files.FileConfigSource), hydras_own.Hydra
+    loader = hydras_own.ConfigLoaderImpl  # type: ignore[attr-defined]
+    install()
+    try:
+        yield
+    finally:
+        sources["file"], hydras_own.Hydra = source, hydra  # type: ignore[misc]
+        hydras_own.ConfigLoaderImpl = loader  # type: ignore[attr-defined]
 
 
 class Hydra(hydras_own.Hydra):
