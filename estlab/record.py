@@ -12,6 +12,8 @@ from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 
+SMOOTHED = "_smoothed"  # ends the name of a filter's smoothed estimates
+
 
 @renamed(target="landmark_number")
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Readings:
 
     def bounds(self, steps: int) -> Array:
         """Readings bounds[k] to bounds[k + 1] are taken at step k; (steps + 1,)."""
-        return np.searchsorted(self.step, np.arange(steps + 1))
+        return np.concatenate([[0], np.cumsum(np.bincount(self.step, minlength=steps)[:steps])])
 
 
 @renamed(places="landmarks", shown="extra")

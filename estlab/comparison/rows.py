@@ -10,6 +10,7 @@ from estlab.config.settings import NEITHER, RECORD, without
 from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.vocabulary import Metric
+from estlab.record import SMOOTHED
 from estlab.rundir.finished import Finished, table
 
 _OF_FILTERS = ("filter", "filters")  # which stand in a row otherwise
@@ -96,7 +97,7 @@ def _settings(run: Finished, filter: str) -> dict[str, Any]:
     several = config.get("filters")
     of_filter = config.get("filter")
     if isinstance(several, Mapping):
-        of_filter = several.get(filter, several.get(filter.removesuffix("_smoothed"), of_filter))
+        of_filter = several.get(filter, several.get(filter.removesuffix(SMOOTHED), of_filter))
     kept = {key: value for key, value in without(config, NEITHER, RECORD).items() if key not in _OF_FILTERS}
     return dict(flat(kept)) | dict(flat({"filter": of_filter}))
 

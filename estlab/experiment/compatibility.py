@@ -5,9 +5,10 @@ import numpy as np
 from estlab.config import expectations
 from estlab.config.settings import Settings
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import SMOOTHED, loop_of
+from estlab.experiment.monte_carlo import loop_of
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.parallel import cores
+from estlab.record import SMOOTHED
 
 _CROWDED = 4  # processes a core that may be asked for
 

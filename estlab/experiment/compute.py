@@ -14,15 +14,8 @@ from estlab.config.settings import Names, Settings
 from estlab.experiment import parts
 from estlab.experiment.attempts import Attempts
 from estlab.experiment.blocks import block
-from estlab.experiment.monte_carlo import (
-    Ensemble,
-    check_answers,
-    estimated,
-    histories_of,
-    history_of,
-    record_of,
-    workers,
-)
+from estlab.experiment.histories import histories_of, history_of
+from estlab.experiment.monte_carlo import Ensemble, check_answers, estimated, record_of, workers
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.statistics import bounds_of, findings_of, tables_of
@@ -105,7 +98,7 @@ def result_of(settings: Settings, ensemble: Ensemble, facts: dict[str, Any]) -> 
     bounds = bounds_of(settings, ensemble, attempts)
     findings = {name: findings_of(settings, name, ensemble, bounds[name], attempts) for name in ensemble.kept}
     arrays = histories_of(ensemble, settings.run_numbers[0])
-    histories = {name: history_of(arrays, name, len(findings)) for name in findings}
+    histories = {name: history_of(arrays, name, list(findings)) for name in findings}
     own = attempts.made(f"{settings.names.scenario}.csv", lambda: settings.scenario.table(histories)) or {}
     by_filter = tables_of(ensemble, findings, bounds, attempts)
     cost = facts["seconds_per_run_and_step"]

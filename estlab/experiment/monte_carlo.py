@@ -23,12 +23,10 @@ from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.parallel.pool import OnStep, Workers
-from estlab.record import Estimates, Record
-from estlab.scenarios.scenario import History
+from estlab.record import SMOOTHED, Estimates, Record
 from estlab.validation import problem
 from estlab.validation.user_filter import try_filter
 
-SMOOTHED = "_smoothed"
 _CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 
 log = logging.getLogger("estlab")
@@ -220,49 +218,6 @@ def _totals(settings: Settings, record: Record, found: dict[str, Estimates], blo
     totals.comparison.add(squares)
     totals.each_run.add(record, squares, block, settings.run_numbers.start)
     return totals
-
-
-def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
-    """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
-
-    mean and cov for one filter, <filter>.mean and <filter>.cov for several; of a particle filter a sample of the
-    cloud at some steps beside them, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
-    """
-    readings, record = ensemble.record.readings, ensemble.record
-    count = next(iter(ensemble.kept.values()))["truth"].shape[2]
-    taken = np.isfinite(readings.values[:, :, :count]).any(axis=(0, 2))
-    arrays = {
-        "run": np.arange(first, first + count),
-        "time": record.time,
-        "truth": record.truth[:, :, :count],
-        "step": readings.step[taken],
-        "values": readings.values[:, taken, :count],
-        "target": readings.landmark_number[taken, :count],
-        "places": record.landmarks,
-    }
-    for name, kept in ensemble.kept.items():
-        prefix = f"{name}." if len(ensemble.kept) > 1 else ""
-        arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
-    sums = {} if ensemble.failure else ensemble.total.sums
-    return arrays | {f"shown.{name}": array for name, array in (record.extra | sums).items()}
-
-
-def history_of(arrays: dict[str, Array], name: str, filters: int, row: int = 0) -> History:
-    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
-    prefix = f"{name}." if filters > 1 else ""
-    extra = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
-    return History(
-        time=arrays["time"],
-        truth=arrays["truth"][..., row],
-        mean=arrays[f"{prefix}mean"][..., row],
-        cov=arrays[f"{prefix}cov"][..., row],
-        step=arrays["step"],
-        values=arrays["values"][..., row],
-        landmark_number=arrays["target"][..., row],
-        landmarks=arrays["places"],
-        extra=extra,
-        run=int(arrays["run"][row]),
-    )
 
 
 def _found(

@@ -5,13 +5,14 @@ from functools import partial
 
 from estlab.config.settings import Settings
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import SMOOTHED, Ensemble, record_of
+from estlab.experiment.monte_carlo import Ensemble, record_of
 from estlab.maths.space import Array
 from estlab.metrics.bound import posterior_bound
 from estlab.metrics.consistency import consistency_tests
 from estlab.metrics.filter_tables import TABLES, FilterSums, Table
 from estlab.metrics.tabulated import ERRORS, metric_groups
 from estlab.metrics.verdict import judge
+from estlab.record import SMOOTHED
 from estlab.report.findings import Findings
 
 _BOUND_RUNS = 200

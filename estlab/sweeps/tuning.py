@@ -11,10 +11,10 @@ from estlab import rundir
 from estlab.config.build import build, nearest, sweep_settings
 from estlab.config.settings import Names
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import SMOOTHED
 from estlab.launch.execute import write_page
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, pasted
 from estlab.metrics.objective import Objective
+from estlab.record import SMOOTHED
 from estlab.sweeps import announcements, jobs, split, state, table, trials
 from estlab.sweeps.dimensions import dimension
 from estlab.sweeps.progress import watched

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from estlab import rundir
 from estlab.comparison.reproducibility import _of_estimates
-from estlab.experiment.monte_carlo import estimated, histories_of, loop_of, record_of, workers
+from estlab.experiment.histories import histories_of
+from estlab.experiment.monte_carlo import estimated, loop_of, record_of, workers
 from estlab.filters.loop import cloud_steps
 from estlab.maths import cloud
 from estlab.maths.streams import Streams
