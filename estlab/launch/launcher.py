@@ -148,6 +148,7 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
     try:
         with directory.logged():
             unmet = work()
+            directory.sync()
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):
             directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
