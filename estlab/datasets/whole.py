@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def write_whole(
-    path: Path, write: Callable[[BinaryIO], object], within: int | None = None, sync: bool = True
-) -> Path:
+def write_whole(path: Path, write: Callable[[BinaryIO], object], within: int | None = None, sync: bool = True) -> Path:
     """Write a file beside its place and move it there once complete, so that nobody ever sees half of it.
 
     within: descriptor of the folder that the path is seen from; by default where the process stands. A device or a

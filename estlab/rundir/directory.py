@@ -100,7 +100,7 @@ class RunDirectory:
                 logger.propagate, logging.raiseExceptions = propagate, raise_exceptions
 
     def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
-        """Write a file of the directory; folders in its name are made. :meth:`sync` waits for the disk, for all at once.
+        """Write a file of the directory; folders in its name are made. :meth:`sync` waits for the disk.
 
         Raises OSError where it cannot be written, and where the directory is no longer the one that was claimed.
         """
