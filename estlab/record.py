@@ -28,7 +28,7 @@ class Readings:
 
     def bounds(self, steps: int) -> Array:
         """Readings bounds[k] to bounds[k + 1] are taken at step k; (steps + 1,)."""
-        return np.searchsorted(self.step, np.arange(steps + 1))
+        return np.concatenate([[0], np.cumsum(np.bincount(self.step, minlength=steps)[:steps])])
 
 
 @renamed(places="landmarks", shown="extra")
