@@ -128,8 +128,8 @@ class _Sweep:
             (self._job(row.get("job", "")), row.get("error", ""), row.get("status", ""), _value(row.get("attempt", "")))
             for row in found.rows
         ]
-        shown = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
-        return join([tag("div", shown, class_="prose"), note(found.remark)])
+        failed = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
+        return join([tag("div", failed, class_="prose"), note(found.remark)])
 
     def _job(self, name: str) -> Html:
         """A job's name, linked to its own page or to its directory, if it has one."""
@@ -174,4 +174,4 @@ def _metrics(row: CsvRow, columns: list[str], figures: list[str]) -> list[Cell]:
 
 def _value(text: str) -> Cell:
     """A swept value as it was typed, sorted as a number if it is one."""
-    return number_cell(text)._replace(shown=text)
+    return number_cell(text)._replace(text=text)

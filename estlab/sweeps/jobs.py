@@ -128,10 +128,10 @@ def composed(
     finally:
         HydraConfig.instance().cfg = before
     _check_folder(name)
-    shown = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
+    resolved = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, limits.split_runs)
-    return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
+    return Planned(number, name, tuple(overrides), resolved, mark, parts), plain, names
 
 
 def _check_folder(name: str) -> None:

@@ -251,11 +251,11 @@ def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning
     tuned = plan.get("tuning", "")
     if tuned == tuning and (tuning or there == here):
         return
-    told = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
+    what_differs = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
     if tuned or tuning:
-        told = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
+        what_differs = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
     raise UserError(
-        f"{sweep}: holds another sweep ({told}); "
+        f"{sweep}: holds another sweep ({what_differs}); "
         "give this one another sweep.dir, or resume that one with estlab sweep --resume"
     )
 

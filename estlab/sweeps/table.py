@@ -37,10 +37,10 @@ def draw_all(
     """Draw the plots from the tables; what could not be drawn."""
     from estlab.report import sweep_plots
 
-    shown = sweep / (SWEEP if repeats == 1 else GROUPS)
+    drawn = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweep_plots.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
+    return sweep_plots.draw_all(drawn, _common(planned), keys, units(outcomes), partial(_save, sweep))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:

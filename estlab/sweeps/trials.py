@@ -100,7 +100,7 @@ def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[
     return notes
 
 
-def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
+def summary(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
     """The best trials, the best as a command that can be typed, and where it all is."""
     best = ranked(trials)
     headings = ("trial", *(trials[0].job.values if trials else ()), objective.words)
