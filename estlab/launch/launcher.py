@@ -23,6 +23,7 @@ from estlab.errors import (
 )
 from estlab.launch.arguments import prepared
 from estlab.launch.error_messages import one_line
+from estlab.rundir.layout import LOG
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -154,7 +155,7 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
         raise
     except (Exception, SystemExit) as error:
         code = USAGE if isinstance(error, UserError) else FAILED
-        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
+        return _ended(directory, "failed", _reason(error, directory.path / LOG), code)
     else:
         return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
     finally:
@@ -168,7 +169,7 @@ def _ended(directory: "RunDirectory", state: "State", message: str, code: int) -
     try:
         directory.finish(state, message, code)
     except OSError as error:
-        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
+        message, code = message or _reason(error, directory.path / LOG), code or FAILED
     return complain(message, code) if message else code
 
 

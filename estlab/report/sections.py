@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 from estlab import rundir
 from estlab.report.contents import Contents, UnusableError, size
 from estlab.report.markup import Cell, Html, folded, join, link, note, section, table, tag
-
-REPORT = "report.html"
+from estlab.rundir.layout import OUTPUT, REPORT
 
 _LOG_BYTES = 2**17
 _WARNINGS = 50
 _LONG = 2000  # characters of a fact that are shown
-# What a sweep's job says on its terminal, which goes on after the page.
-_GROWING = "output.txt"
 
 _PLOTS = {
     "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, a panel a component",
@@ -123,7 +120,7 @@ def files(contents: Contents, held: Mapping[str, str]) -> Html:
     rows = []
     for name, count in contents.files(rundir.PLOTS, rundir.PLUGINS):
         if name != REPORT:
-            weight = Cell("") if name == _GROWING else Cell(size(count), count)
+            weight = Cell("") if name == OUTPUT else Cell(size(count), count)
             usual = "source of a plugin's module" if name.startswith(f"{rundir.PLUGINS}/") else ""
             usual = "a picture" if name.endswith(".png") else usual
             rows.append((link(name), held.get(name, usual), weight))

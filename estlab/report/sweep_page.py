@@ -10,9 +10,7 @@ from estlab.report import sections
 from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
-
-PLAN, SWEEP, GROUPS, FAILURES = "sweep.json", "sweep.csv", "groups.csv", "failures.csv"
-TUNING = "tuning.csv"
+from estlab.rundir.layout import FAILURES, GROUPS, PLAN, REPORT, SWEEP, TUNING
 
 _HELD = {
     PLAN: "the plan: the words typed and the jobs",
@@ -135,7 +133,7 @@ class _Sweep:
         """A job's name, linked to its own page or to its directory, if it has one."""
         if not self.contents.is_folder(name):
             return join(name)
-        page = f"{name}/{sections.REPORT}"
+        page = f"{name}/{REPORT}"
         return link(page if self.contents.has(page) else f"{name}/", name)
 
 

@@ -21,9 +21,8 @@ from estlab import rundir
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.finished import plugins_of
-from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
+from estlab.rundir.layout import ARRAY_BYTES, ATTEMPTS, LOCK, PLAN, RECORD_BYTES, STOP
 
-PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 # What may change between a job and its repetition without changing a figure of it.
@@ -169,15 +168,15 @@ def set_aside(sweep: Path, name: str, whatever: bool = False) -> None:
         there = stat.S_ISDIR(os.stat(place.name, dir_fd=above, follow_symlinks=False).st_mode)
         if there and not whatever and not files.has(sweep, str(place / rundir.STATUS)):
             return
-        with files.folder(sweep, ATTEMPTS / place.parent, make=True) as kept:
-            taken = set(files.names(sweep, ATTEMPTS / place.parent))
+        with files.folder(sweep, PurePath(ATTEMPTS) / place.parent, make=True) as kept:
+            taken = set(files.names(sweep, PurePath(ATTEMPTS) / place.parent))
             number = next(n for n in itertools.count(1) if f"{place.name}.{n}" not in taken)
             os.rename(place.name, f"{place.name}.{number}", src_dir_fd=above, dst_dir_fd=kept)
 
 
 def attempts(sweep: Path, name: str) -> list[str]:
     """The names of a job's earlier attempts, as they are seen from the sweep, in their order."""
-    place = ATTEMPTS / PurePath(name)
+    place = PurePath(ATTEMPTS) / name
     found = []
     with contextlib.suppress(OSError):
         for entry in files.names(sweep, place.parent):

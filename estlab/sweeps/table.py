@@ -12,10 +12,9 @@ from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
 from estlab.rundir import files
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP
 from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
-
-SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
 
 SweepRow = dict[str, str]
 

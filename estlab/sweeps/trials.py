@@ -18,10 +18,10 @@ from estlab.report import csv_tables, grids
 from estlab.report.console import print_line
 from estlab.report.grids import Grid
 from estlab.rundir import files
+from estlab.rundir.layout import TUNING
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
 
-TUNING = "tuning.csv"
 _LISTED = 5  # the best trials
 _END = 0.02  # of an interval, near which a value is at its end
 
