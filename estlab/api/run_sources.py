@@ -10,8 +10,9 @@ import numpy as np
 
 from estlab import rundir
 from estlab.api import tables
-from estlab.config.build import Settings, build
+from estlab.config.build import build
 from estlab.config.earlier import completed
+from estlab.config.settings import Settings
 from estlab.errors import UserError, printable
 from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
@@ -86,7 +87,7 @@ class Computed:
 
     @property
     def scenario(self) -> str:
-        return self.result.names.scenario
+        return self.result.settings.names.scenario
 
     @property
     def filters(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """How the runs of an ensemble are cut into blocks: by the configuration alone, so that every machine cuts alike."""
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 
 # Measured for filters of one point to 25: 500 runs fill the second-level cache; of less than 100, calls of NumPy cost
 # more than their arithmetic. A particle filter's run is as many points as it has particles.
@@ -31,7 +31,7 @@ def _sizes(settings: Settings) -> tuple[int, int]:
 def _even(settings: Settings) -> int:
     """The runs of a block where blocks are of one size and even in number, for two cores to end together."""
     runs = len(settings.run_numbers)
-    points = max(filter.traits.points for filter in (settings.filters or {"": settings.filter}).values())
+    points = max(filter.traits.points for filter in settings.filters.values())
     most, least = (max(2, min(limit)) for limit in ((_MOST, _MOST_POINTS // points), (_LEAST, _LEAST_POINTS // points)))
     count = -(-runs // most)
     count = max(1, min(count + count % 2, runs // least))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block, block_count
 from estlab.filters.filter import AnyFilter
@@ -30,19 +30,6 @@ from estlab.validation.user_filter import try_filter
 _CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
 
 log = logging.getLogger("estlab")
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the user chose, as he named it, and what he changed.
-
-    set_aside: whether expectations of his experiment were left out, being of other data than he took.
-    """
-
-    scenario: str
-    filter: str
-    changes: tuple[str, ...] = ()
-    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,11 +101,6 @@ class Ensemble:
         return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
 
 
-def filters_of(settings: Settings, names: Names) -> dict[str, AnyFilter]:
-    """The filters by name."""
-    return settings.filters or {names.filter: settings.filter}
-
-
 def loop_of(settings: Settings, filter: AnyFilter, landmarks: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
@@ -137,10 +119,10 @@ def _kept_loop(settings: Settings, name: str, filter: AnyFilter, landmarks: Arra
     return known[2]
 
 
-def check_answers(settings: Settings, names: Names, first: Record) -> None:
+def check_answers(settings: Settings, first: Record) -> None:
     """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
-    streams = Streams(settings.seed, names.scenario)
-    filters = filters_of(settings, names)
+    streams = Streams(settings.seed, settings.names.scenario)
+    filters = settings.filters
     models = problem.models_of(settings.scenario, settings.noise.filter, first.landmarks)
     problem.check(settings.scenario, *models, first, list(filters.values()))
     for name, filter in filters.items():
@@ -149,9 +131,9 @@ def check_answers(settings: Settings, names: Names, first: Record) -> None:
             try_filter(problem.name_of(filter), filter, *models, first, generators)
 
 
-def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
+def record_of(settings: Settings, runs: Sequence[int]) -> Record:
     """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
-    streams = Streams(settings.seed, names.scenario)
+    streams = Streams(settings.seed, settings.names.scenario)
     scenario, data = settings.scenario, settings.data
     if data.source == "files":
         options = (data.options,) if scenario.file_names else ()
@@ -162,21 +144,22 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     if settings.dropped == 0.0:
         return record
     if record.readings.step.size == 0:
-        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+        raise UserError(
+            f"dropped={settings.dropped:g}: {settings.names.scenario} has no readings to drop; leave it out"
+        )
     return record.thinned(settings.dropped, streams, runs)
 
 
-def workers(settings: Settings, names: Names) -> Workers[Block]:
+def workers(settings: Settings) -> Workers[Block]:
     """Processes for the blocks of all runs, or of a part; none where parts are put together."""
     count = block_count(settings)
     which, parts = settings.part or (0, 1)
     blocks = range(which * count // parts, (which + 1) * count // parts)
-    return Workers(partial(block_of, settings, names, None), blocks[: 0 if settings.parts else None], settings.cores)
+    return Workers(partial(block_of, settings, None), blocks[: 0 if settings.parts else None], settings.cores)
 
 
 def estimated(
     settings: Settings,
-    names: Names,
     first: Record,
     workers: Workers[Block],
     progress: Callable[[int], Callable[[int], None]],
@@ -186,8 +169,8 @@ def estimated(
     first: the record of the ensemble's first block.
     """
     ensemble = Ensemble(first)
-    steps = progress(len(workers.tasks) * first.time.size * len(filters_of(settings, names)))
-    for number, found in workers.results(partial(block_of, settings, names, first), steps):
+    steps = progress(len(workers.tasks) * first.time.size * len(settings.filters))
+    for number, found in workers.results(partial(block_of, settings, first), steps):
         ensemble.add(number, found)
     taken = sum(1 << level for level, _ in ensemble.blocks.nodes)
     if taken != len(workers.tasks) and not ensemble.failure:
@@ -195,14 +178,14 @@ def estimated(
     return ensemble
 
 
-def block_of(settings: Settings, names: Names, first: Record | None, number: int, on_step: OnStep) -> Block:
+def block_of(settings: Settings, first: Record | None, number: int, on_step: OnStep) -> Block:
     """A block of runs through all filters. first: the record of the first block, if it is made already."""
     runs = block(settings, number)
-    record = first if first and number == 0 else record_of(settings, names, runs)
-    streams = Streams(settings.seed, names.scenario)
+    record = first if first and number == 0 else record_of(settings, runs)
+    streams = Streams(settings.seed, settings.names.scenario)
     found: dict[str, Estimates] = {}
     seconds: dict[str, float] = {}
-    for name, filter in filters_of(settings, names).items():
+    for name, filter in settings.filters.items():
         loop = _kept_loop(settings, name, filter, record.landmarks)
         generators = streams.generators(f"filter/{name}", runs if record.each_its_own else range(1))
         loop.prepare(record, generators)

@@ -7,11 +7,10 @@ from typing import Any
 
 from estlab import rundir
 from estlab.config import expectations
-from estlab.config.build import Settings
 from estlab.config.expectations import Finding
+from estlab.config.settings import Settings
 from estlab.experiment.attempts import Attempts
 from estlab.experiment.histories import history_of
-from estlab.experiment.monte_carlo import Names
 from estlab.maths.space import Array
 from estlab.metrics.filter_tables import Table
 from estlab.report import csv_tables
@@ -32,7 +31,6 @@ class Result:
     """
 
     settings: Settings
-    names: Names
     facts: dict[str, Any]
     arrays: dict[str, Array]
     by_filter: Mapping[str, Mapping[str, Table]]
@@ -62,7 +60,7 @@ class Result:
     @property
     def own_name(self) -> str:
         """The file of the problem's own table."""
-        return f"{self.names.scenario}.csv"
+        return f"{self.settings.names.scenario}.csv"
 
     @property
     def tables(self) -> list[str]:

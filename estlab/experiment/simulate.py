@@ -4,23 +4,25 @@ import contextlib
 import tempfile
 from pathlib import Path
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import Names, record_of
+from estlab.experiment.monte_carlo import record_of
 from estlab.experiment.plugin_errors import plugins_named
 
 
 @plugins_named
-def simulate(settings: Settings, names: Names) -> list[Path]:
+def simulate(settings: Settings) -> list[Path]:
     """Write the simulated data of run 0 in the scenario's original file layout to data.path; the files written."""
     if settings.data.source != "simulated":
         raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
     if settings.dropped:
         raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
     if not settings.data.path:
-        raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
+        raise UserError(
+            f"data.path must be given: the folder to write to, for example data.path=data/{settings.names.scenario}"
+        )
     folder = Path(settings.data.path)
-    record = record_of(settings, names, range(1))
+    record = record_of(settings, range(1))
     ours = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

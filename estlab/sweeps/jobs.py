@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
-    from estlab.experiment.monte_carlo import Names
+    from estlab.config.settings import Names
 
 _FOLDERS = (ATTEMPTS, split.PARTS, rundir.PLOTS)  # of the sweep itself
 _NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds
@@ -131,7 +131,7 @@ def composed(
     _check_folder(name)
     resolved = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
-    parts = _parts(plain, limits.split_runs)
+    parts = _parts(plain, names, limits.split_runs)
     return Planned(number, name, tuple(overrides), resolved, mark, parts), plain, names
 
 
@@ -145,12 +145,12 @@ def _check_folder(name: str) -> None:
         )
 
 
-def _parts(plain: dict[str, Any], most: int) -> int:
+def _parts(plain: dict[str, Any], names: "Names", most: int) -> int:
     """In how many parts a job can run: a part has a block of runs at least."""
     if most == 1:
         return 1
     try:
-        return min(most, block_count(build(plain)))
+        return min(most, block_count(build(plain, names)))
     except UserError:
         return 1  # the job itself will say what is wrong
 

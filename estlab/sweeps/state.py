@@ -18,15 +18,13 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, without
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.finished import plugins_of
 from estlab.rundir.layout import ARRAY_BYTES, ATTEMPTS, LOCK, PLAN, RECORD_BYTES, STOP
 
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
-
-# What may change between a job and its repetition without changing a figure of it.
-_NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective", "cores")
 
 _METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # the most that is read
 
@@ -70,7 +68,7 @@ def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
 
     Of a part of a job, the job's and which part.
     """
-    decides = {key: value for key, value in plain.items() if key not in _NO_MATTER}
+    decides = without(plain, NEITHER)
     whole = sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
     return of_part(whole, *plain["part"]) if plain.get("part") else whole
 

@@ -8,6 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, RECORD, words_without
 from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
@@ -50,9 +51,7 @@ def swept_keys(planned: Sequence[Planned]) -> list[str]:
 def _common(planned: Sequence[Planned]) -> str:
     """What is typed for every job, but for what changes no figure of it."""
     words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
-    return " ".join(
-        word for word in words if not word.startswith(("sweep.", "plots=", "report=", "output=", "expect", "++expect"))
-    )
+    return " ".join(words_without(words, NEITHER, RECORD))
 
 
 def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:
