@@ -188,15 +188,15 @@ FAULTS = {
     ),
     "barcode not whole": (
         lambda: replace_cell("Measurement.dat", 9, 1, "63.5"),
-        "made/Measurement.dat:9: a subject or barcode is not a whole number",
+        "made/Measurement.dat:9: a subject or barcode is not an integer",
     ),
     "barcode twice": (
         lambda: replace_line("Barcodes.dat", 5, "8 63"),
-        "made/Barcodes.dat:5: this barcode is another subject's already",
+        "made/Barcodes.dat:5: this barcode already belongs to another subject",
     ),
     "landmark twice": (
         lambda: replace_line("Landmark_Groundtruth.dat", 5, "6 1.0 1.0 0 0"),
-        "made/Landmark_Groundtruth.dat:5: this subject has a row already",
+        "made/Landmark_Groundtruth.dat:5: this subject already has a row",
     ),
     "one row": (lambda: Path("made/Odometry.dat").write_text("0 1 0\n"), "made/Odometry.dat: one row only"),
     "no reading in time": (

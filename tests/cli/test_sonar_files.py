@@ -79,7 +79,7 @@ FAULTS = {
     "negative range": (
         GOOD | dict(sonar=structs(z=[Z, Z - 9.0])),
         TRUTH,
-        DATA + "sonar(2).z [-7 -6 -4] has a negative range that no noise explains",
+        DATA + "sonar(2).z [-7 -6 -4] has a negative range that noise cannot explain",
     ),
     "nan encoder": (
         GOOD | dict(encoder=structs(u=[U, U * np.nan])),
@@ -97,7 +97,7 @@ FAULTS = {
     "lengths": (
         GOOD | dict(sonar=structs(z=[Z])),
         TRUTH,
-        DATA + "sonar has 1 elements, encoder has 2; they must be as many",
+        DATA + "sonar has 1 elements, encoder has 2; both need the same number",
     ),
     "two beacons": (GOOD | dict(beacons=MARKS[:2]), TRUTH, DATA + "beacons must be 3 or more rows x y; it is (2, 2)"),
     "beacons by column": (GOOD | dict(beacons=MARKS.T), TRUTH, DATA + "beacons must be 3 or more rows x y; it is (2,"),

@@ -60,7 +60,7 @@ REFUSED = {
         ",",
         ":1: x is 'x', not a number; expected the 2 columns x y; a line that is not data",
     ),
-    "numbered columns": (b"0,1\n1,2\n", XY, ",", ":1: a row 0 1, which numbers columns and is no data"),
+    "numbered columns": (b"0,1\n1,2\n", XY, ",", ":1: the row 0 1 numbers columns and is not data"),
     "index": (b",x,y\n0,1,2\n", XY, ",", ":1: 3 columns; expected the 2 columns x y; leave out an index"),
     "semicolons": (b"1;2\n", XY, ",", "cells are separated by semicolons, and must be by commas"),
     "decimal commas": (b"1,5;2,5\n", XY, ",", "cells are separated by semicolons, and must be by commas"),
