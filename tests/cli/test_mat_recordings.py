@@ -136,7 +136,7 @@ def test_a_frame_in_which_nothing_was_seen_and_a_sonar_that_heard_nothing_are_co
     data["sonar"][0, 5]["z"], data["sonar"][0, 7]["z"] = np.empty((0, 0)), np.full((3, 1), np.nan)
     save("s_problem4data.mat", **data)
     assert go("sonar", "sonar", "data.prefix=s_", "plots=true") == 0
-    said = "sonar(6).z: no whole sonar reading in 2 of 300 frames, this is the first"
+    said = "sonar(6).z: no complete sonar reading in 2 of 300 frames, this is the first"
     assert said in " ".join(capsys.readouterr().out.split())
     assert not {5, 7} & set(estimates("sonar")["step"])
     assert np.isfinite(estimates("sonar")["mean"]).all()
@@ -156,7 +156,7 @@ def test_frames_whose_times_repeat_or_step_back_are_left_out(scenario, capsys):
     save(DATA[scenario], **data)
     assert go(scenario, "other", "steps=50") == 0
     assert_same("out", "other")
-    said = "1 left out for a later one with the same time and 1 left out because they step back"
+    said = "1 left out because a later one has the same time and 1 left out because they step back"
     assert said in " ".join(capsys.readouterr().out.split())
 
 

@@ -84,14 +84,14 @@ def test_names_are_found_in_any_case_and_control_is_a_name_for_odometry(capsys):
     assert_same("out", "renamed")
     shutil.copy(made / "barcodes.dat", made / "BARCODES.DAT")
     assert run("landmark") == 2
-    assert "made/Barcodes.dat: BARCODES.DAT and barcodes.dat differ in case alone" in capsys.readouterr().err
+    assert "made/Barcodes.dat: BARCODES.DAT and barcodes.dat differ only in case" in capsys.readouterr().err
 
 
 def test_any_name_is_taken_by_its_key_and_what_looks_like_it_is_named(capsys):
     made = simulate("landmark")
     (made / "Odometry.dat").rename(made / "odometrie.txt")
     assert run("landmark") == 2
-    remedy = "there is odometrie.txt: take it by data.files.odometry=odometrie.txt"
+    remedy = "there is odometrie.txt: select it with data.files.odometry=odometrie.txt"
     assert capsys.readouterr().err == f"estlab: made/Odometry.dat: no such file; {remedy}\n"
     assert run("landmark", "data.files.odometry=odometrie.txt") == 0
     Path("elsewhere").mkdir()
@@ -137,10 +137,12 @@ def test_of_rows_with_one_time_the_last_counts_and_rows_that_step_back_are_dropp
     assert run("landmark", "hydra.run.dir=stumbling") == 0
     assert_same("out", "stumbling")
     out = " ".join(capsys.readouterr().out.split())
-    assert "made/Odometry.dat:4: time goes back; of 604 rows 1 left out for a later one with the same time and 2" in out
+    assert (
+        "made/Odometry.dat:4: time goes back; of 604 rows 1 left out because a later one has the same time and 2" in out
+    )
     assert "; made/Groundtruth.dat:51: time goes back; of 602 rows 1 left out because they step back" in out
     assert run("landmark", "data.clock_faults=0.001") == 2
-    assert "made/Odometry.dat:4: time 0.000 goes back, as others do: 3 of 604 would" in capsys.readouterr().err
+    assert "made/Odometry.dat:4: time 0.000 goes back; 3 of 604 rows have" in capsys.readouterr().err
 
 
 def shift(name: str, seconds: float) -> None:
@@ -159,7 +161,7 @@ def test_clocks_that_are_apart_are_said(name, seconds, capsys):
     if name != "Groundtruth.dat":
         side = "more than 2 s after the last" if (seconds > 0.0) == (name == "Measurement.dat") else "before the first"
         assert side in out
-    assert ("half of the ranges are off the truth's" in out) == (name != "Odometry.dat")
+    assert ("half of the ranges differ from the truth" in out) == (name != "Odometry.dat")
     assert ("commanded turns are nearly unrelated to" in out) == (name != "Measurement.dat")
 
 
