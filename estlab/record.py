@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 
 
+@renamed(target="landmark_number")
 @dataclass(frozen=True)
 class Readings:
     """Readings in the order of time.
@@ -29,6 +31,7 @@ class Readings:
         return np.searchsorted(self.step, np.arange(steps + 1))
 
 
+@renamed(places="landmarks", shown="extra")
 @dataclass(frozen=True)
 class Record:
     """An ensemble of runs on one time line.

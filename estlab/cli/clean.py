@@ -1,5 +1,6 @@
-"""estlab clean: which run directories may go, and their end if that is wanted."""
+"""estlab clean: which run directories may go, and their end if that is options."""
 
+import argparse
 import contextlib
 import os
 import re
@@ -11,43 +12,53 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from estlab.cli.parser import Checked, Parser
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED, OK, complain
-
-HELP = """\
-estlab clean [FOLDER] [--failed] [--older-than 7d] [--keep-last N] [--yes]
-
-Lists the run directories in FOLDER (runs) that may go, with size, age, status and why, and deletes them only with
---yes. Without further flags these are the runs that failed, were interrupted, or whose process is gone; those
-that did not find what they were expected to are whole, and stay.
-
-  --failed          those, also beside another condition; all that are given must hold
-  --older-than 7d   runs that ended longer ago: s, m, h, d or w
-  --keep-last N     all but the newest N
-
-A sweep goes as a whole, and by its age alone. Nothing is touched that is at work, that cannot be read, that is a
-link, or that holds other runs.
-
-Exit codes: 0 ok, 1 something could not be deleted, 2 usage.
-"""
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 _PLAN, _LOCK = "sweep.json", ".lock"  # of a sweep's directory
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What the command line asks for. longer: seconds; keep: how many of the newest stay."""
+class CleanOptions(argparse.Namespace):
+    """What the command line asks for. older_than: seconds; keep_last: how many of the newest stay."""
 
-    folder: Path
+    folders: list[Path]
     failed: bool
-    longer: float | None
-    keep: int | None
+    older_than: float | None
+    keep_last: int | None
     yes: bool
 
+    @property
+    def folder(self) -> Path:
+        return self.folders[0] if self.folders else Path("runs")
+
+
+def parser() -> Parser:
+    """The command line of estlab clean."""
+    found = Parser(
+        "clean",
+        "clean [FOLDER] [--failed] [--older-than 7d] [--keep-last N]\n                    [--yes]",
+        "Lists the run directories in FOLDER that may go, with size, age, status and\n"
+        "why, and deletes them only with --yes. Without further flags these are the runs\n"
+        "that failed, were interrupted, or whose process is gone; those that did not\n"
+        "find what they were expected to are whole, and stay.\n\n"
+        "A sweep goes as a whole, and by its age alone. Nothing is touched that is at\n"
+        "work, that cannot be read, that is a link, or that holds other runs.",
+        "exit codes: 0 ok, 1 something could not be deleted, 2 usage",
+    )
+    found.add_argument("folders", metavar="FOLDER", type=Path, nargs="*", help="the folder of runs (runs)")
+    found.add_argument("--failed", action="store_true", help="those that failed, also beside another condition")
+    age = Checked(_seconds, "a number and s, m, h, d or w, for example 7d")
+    found.add_argument("--older-than", type=age, metavar="7d", help="runs that ended longer ago: s, m, h, d or w")
+    count = Checked(_count, "a whole number from 1")
+    found.add_argument("--keep-last", type=count, metavar="N", help="all but the newest N")
+    found.add_argument("--yes", action="store_true", help="delete them")
+    return found
+
 
 @dataclass(frozen=True)
-class Found:
+class RunFolder:
     """A run's or a sweep's directory. state: its status in a word; stays: why it is not to be touched, if it is not.
 
     ended: seconds since 1970, of an unfinished run its beginning.
@@ -62,19 +73,16 @@ class Found:
 
 def clean(arguments: Sequence[str]) -> int:
     """List what may go, and delete it with --yes; the exit code."""
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return OK
-    wanted = _read(arguments)
+    options = _read(arguments)
     from estlab.report import grids
 
-    there = list(_found(wanted.folder))
+    there = list(_found(options.folder))
     for one in there:
         if one.stays:
             complain(f"note: {one.path} stays, {one.stays}")
-    chosen = _chosen(there, wanted)
+    chosen = _chosen(there, options)
     if not chosen:
-        grids.say(f"nothing to delete in {wanted.folder}")
+        grids.say(f"nothing to delete in {options.folder}")
         return OK
     sizes = [_size(one.path) for one, _ in chosen]
     lines = [
@@ -83,58 +91,49 @@ def clean(arguments: Sequence[str]) -> int:
     ]
     grids.show(grids.Grid("", ["directory", "size", "age", "status", "why"], lines, 1))
     count = f"{len(chosen)} director{'y' if len(chosen) == 1 else 'ies'}, {sum(sizes) / 1e6:.1f} MB"
-    if not wanted.yes:
+    if not options.yes:
         grids.say(f"{count}; --yes deletes them")
         return OK
-    kept = [line for one, _ in chosen if (line := _delete(one, wanted.folder))]
-    _mend_latest(wanted.folder)
+    kept = [line for one, _ in chosen if (line := _delete(one, options.folder))]
+    _mend_latest(options.folder)
     for line in kept:
         complain(line, FAILED)
     grids.say(f"deleted {len(chosen) - len(kept)} of {count}")
     return FAILED if kept else OK
 
 
-def _read(arguments: Sequence[str]) -> Wanted:
-    from estlab.config.build import nearest
+def _read(arguments: Sequence[str]) -> CleanOptions:
+    """The command line; raises UserError for what it cannot mean."""
     from estlab.rundir.finished import is_run
 
-    folders: list[str] = []
-    given: dict[str, str] = {}
-    words = iter(arguments)
-    for word in words:
-        flag, equals, value = word.partition("=")
-        if not word.startswith("-"):
-            folders.append(word)
-        elif word in ("--failed", "--yes"):
-            given[word] = word
-        elif flag in ("--older-than", "--keep-last"):
-            given[flag] = value if equals else next(words, "")
-        else:
-            flags = ["--failed", "--yes", "--older-than", "--keep-last"]
-            raise UserError(f"estlab clean has no {word}{nearest(word, flags)} (see estlab clean --help)")
-    if len(folders) > 1:
-        raise UserError(f"estlab clean takes one folder of runs, got {', '.join(folders)}")
-    folder = Path(folders[0] if folders else "runs")
-    if not folder.is_dir():
-        raise UserError(f"{folder}: there is no such folder of runs")
-    if is_run(folder) or (folder / _PLAN).exists():
-        raise UserError(f"{folder}: is a run or sweep itself; name the folder that it is in")
-    longer, keep = given.get("--older-than"), given.get("--keep-last")
-    age = re.fullmatch(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)([smhdw])", longer) if longer is not None else None
-    if longer is not None and not age:
-        raise UserError(f"--older-than takes a number and s, m, h, d or w, for example 7d; got {longer!r}")
-    if keep is not None and not re.fullmatch(r"[1-9][0-9]{0,8}", keep):
-        raise UserError(f"--keep-last takes a whole number from 1, got {keep!r}")
-    seconds = float(age[1]) * _SECONDS[age[2]] if age else None
-    return Wanted(folder, "--failed" in given, seconds, int(keep) if keep else None, "--yes" in given)
+    options = parser().read(arguments, CleanOptions())
+    if len(options.folders) > 1:
+        raise UserError(f"estlab clean takes one folder of runs, got {', '.join(map(str, options.folders))}")
+    if not options.folder.is_dir():
+        raise UserError(f"{options.folder}: there is no such folder of runs")
+    if is_run(options.folder) or (options.folder / _PLAN).exists():
+        raise UserError(f"{options.folder}: is a run or sweep itself; name the folder that it is in")
+    return options
 
 
-def _found(folder: Path, depth: int = 0) -> "list[Found]":
+def _seconds(text: str) -> float:
+    if not (age := re.fullmatch(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)([smhdw])", text)):
+        raise ValueError(text)
+    return float(age[1]) * _SECONDS[age[2]]
+
+
+def _count(text: str) -> int:
+    if not re.fullmatch(r"[1-9][0-9]{0,8}", text):
+        raise ValueError(text)
+    return int(text)
+
+
+def _found(folder: Path, depth: int = 0) -> "list[RunFolder]":
     """The runs and sweeps in a folder at any depth; nothing that a link leads to."""
     from estlab.rundir.finished import is_run
     from estlab.rundir.search import folders_in
 
-    found: list[Found] = []
+    found: list[RunFolder] = []
     for path in folders_in(folder) if depth < 6 else []:
         if (path / _PLAN).is_file():
             found.append(_sweep(path))
@@ -145,25 +144,25 @@ def _found(folder: Path, depth: int = 0) -> "list[Found]":
     return found
 
 
-def _run(path: Path) -> Found:
+def _run(path: Path) -> RunFolder:
     from estlab import rundir
     from estlab.rundir import finished
 
     try:
         status = finished.status(path)
     except UserError as error:
-        return Found(path, "", 0.0, False, f"it cannot be told whose it is ({error})")
+        return RunFolder(path, "", 0.0, False, f"it cannot be told whose it is ({error})")
     state = str(status["status"])
     ended = _stamp(status, path)
     if (worker := rundir.worker(status)) != "gone":
         where = "" if worker == "alive" else ", or was on another machine"
-        return Found(path, state, ended, False, f"it is at work{where}")
+        return RunFolder(path, state, ended, False, f"it is at work{where}")
     if len(_statuses(path)) > 1:
-        return Found(path, state, ended, False, "it holds other runs")
-    return Found(path, "unfinished" if state == "running" else state, ended, state not in rundir.WHOLE)
+        return RunFolder(path, state, ended, False, "it holds other runs")
+    return RunFolder(path, "unfinished" if state == "running" else state, ended, state not in rundir.WHOLE)
 
 
-def _sweep(path: Path) -> Found:
+def _sweep(path: Path) -> RunFolder:
     """A sweep by its newest job; it stays while one of its jobs, or the sweep itself, is at work."""
     from estlab.rundir.finished import is_run
     from estlab.rundir.search import folders_in
@@ -173,7 +172,7 @@ def _sweep(path: Path) -> Found:
     state = f"sweep, {ok} of {len(jobs)} jobs ok"
     ended = max([job.ended for job in jobs], default=path.stat().st_mtime)
     stays = next((f"of its job {job.path.name}: {job.stays}" for job in jobs if job.stays), "")
-    return Found(path, state, ended, False, "it is at work" if _locked(path) else stays)
+    return RunFolder(path, state, ended, False, "it is at work" if _locked(path) else stays)
 
 
 def _locked(sweep: Path) -> bool:
@@ -203,23 +202,23 @@ def _statuses(path: Path) -> list[Path]:
     return [Path(folder) for folder, _, files in os.walk(path) if "status.json" in files]
 
 
-def _chosen(there: Sequence[Found], wanted: Wanted) -> list[tuple[Found, str]]:
+def _chosen(there: Sequence[RunFolder], options: CleanOptions) -> list[tuple[RunFolder, str]]:
     """What all given conditions hold for, and why."""
-    newest = sorted(there, key=lambda one: -one.ended)[: wanted.keep or 0]
-    only_failed = wanted.failed or (wanted.longer is None and wanted.keep is None)
+    newest = sorted(there, key=lambda one: -one.ended)[: options.keep_last or 0]
+    only_failed = options.failed or (options.older_than is None and options.keep_last is None)
     chosen = []
     for one in there:
-        old = wanted.longer is None or time.time() - one.ended > wanted.longer
+        old = options.older_than is None or time.time() - one.ended > options.older_than
         if one.stays or one in newest or not old or (only_failed and not one.broken):
             continue
         reasons = [one.state] * only_failed
-        reasons += ["old"] * (wanted.longer is not None)
-        reasons += [f"not of the newest {wanted.keep}"] * (wanted.keep is not None)
+        reasons += ["old"] * (options.older_than is not None)
+        reasons += [f"not of the newest {options.keep_last}"] * (options.keep_last is not None)
         chosen.append((one, ", ".join(reasons)))
     return chosen
 
 
-def _delete(one: Found, folder: Path) -> str:
+def _delete(one: RunFolder, folder: Path) -> str:
     """Delete a directory and the empty ones that it leaves in the folder; why it could not be, if so."""
     inside = one.path.resolve().is_relative_to(folder.resolve()) and one.path.resolve() != folder.resolve()
     again = _sweep(one.path) if (one.path / _PLAN).is_file() else _run(one.path)

@@ -1,63 +1,70 @@
 """estlab compare: runs side by side, and run by run where they met the same truth."""
 
+import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estlab.cli.parser import FILE, TEXT, Parser
 from estlab.errors import UserError, printable
 from estlab.launch.launcher import FAILED, OK, complain
-from estlab.launch.path_arguments import home
 
 if TYPE_CHECKING:
     from estlab.comparison.pairing import Pair
     from estlab.comparison.rows import ComparisonRow, Metric
     from estlab.report.grids import Grid
 
-HELP = """\
-estlab compare DIR [DIR ...] [--metric NAME[.COMPONENT]] [--against ROW] [--csv FILE|-] [--md | --latex] [--plot FILE]
-
-DIR is a run directory, a folder that holds some (a day's, a sweep's, runs/latest), or a pattern in quotes. Each
-filter of each run is a row, named by what differs. Where two met the same truth and readings, the difference of
-their RMSE is taken run by run, with its interval and Holm's p-value; where not, it is said why.
-
-  --metric rmse.position   a column; may be repeated. Without a component, all of them
-  --against 2              the row that the others are held against: its number, label, filter or directory; 1
-  --csv FILE               the table as CSV, numbers in full; - for standard output
-  --md, --latex            the tables for Markdown, for LaTeX (booktabs), instead of the terminal's
-  --plot FILE.png          RMSE and NEES over time, overlaid; .png, .pdf or .svg
-
-Exit codes: 0 ok, 1 no run that can be compared, 2 usage.
-"""
-
-_VALUED = ("--metric", "--against", "--csv", "--plot")
-_FLAGS = ("--md", "--latex")
 _PICTURES = (".png", ".pdf", ".svg")
+_STDOUT = Path("-")
 
 
-@dataclass
-class Wanted:
+class CompareOptions(argparse.Namespace):
     """What the command line asks for."""
 
-    words: list[str] = field(default_factory=list)
-    metrics: list[str] = field(default_factory=list)
-    against: str = "1"
-    csv: str = ""
-    form: str = ""
-    plot: Path | None = None
+    directories: list[str]
+    metric: list[str]
+    against: str
+    csv: Path | None
+    md: bool
+    latex: bool
+    plot: Path | None
+
+
+def parser() -> Parser:
+    """The command line of estlab compare."""
+    found = Parser(
+        "compare",
+        "compare DIR [DIR ...] [--metric NAME[.COMPONENT]] [--against ROW]\n"
+        "                      [--csv FILE|-] [--md | --latex] [--plot FILE]",
+        "DIR is a run directory, a folder that holds some (a day's, a sweep's,\n"
+        "runs/latest), or a pattern in quotes. Each filter of each run is a row, named\n"
+        "by what differs. Where two met the same truth and readings, the difference of\n"
+        "their RMSE is taken run by run, with its interval and Holm's p-value; where\n"
+        "they did not, the reason is printed.",
+        "exit codes: 0 ok, 1 no run that can be compared, 2 usage",
+    )
+    found.add_argument("directories", metavar="DIR", nargs="*", help="run directories, folders of them, patterns")
+    metric = "a column, as rmse.position; may be repeated. Without a component, all of them"
+    found.add_argument("--metric", type=TEXT, action="append", default=[], metavar="NAME", help=metric)
+    against = "the row that the others are held against: its number, label, filter or directory (1)"
+    found.add_argument("--against", type=TEXT, default="1", metavar="ROW", help=against)
+    csv = "the table as CSV, numbers in full; - for standard output"
+    found.add_argument("--csv", type=FILE, metavar="FILE", help=csv)
+    found.add_argument("--md", action="store_true", help="the tables for Markdown, not for the terminal")
+    found.add_argument("--latex", action="store_true", help="the tables for LaTeX (booktabs)")
+    plot = f"RMSE and NEES over time, overlaid; {', '.join(_PICTURES[:-1])} or {_PICTURES[-1]}"
+    found.add_argument("--plot", type=FILE, metavar="FILE", help=plot)
+    return found
 
 
 def compare(arguments: Sequence[str]) -> int:
     """Compare what the words name; the exit code."""
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return OK
-    wanted = _read(arguments)
+    options = _read(arguments)
     from estlab.rundir.search import run_directories
 
-    rows, left_out = _rows(run_directories(wanted.words))
+    rows, left_out = _rows(run_directories(options.directories))
     for line in left_out:
         complain(line)
     if not rows:
@@ -65,55 +72,33 @@ def compare(arguments: Sequence[str]) -> int:
     from estlab.comparison.differences import unlike
     from estlab.comparison.pairing import pairs
 
-    metrics = _metrics(rows, wanted.metrics)
+    metrics = _metrics(rows, options.metric)
     for line in unlike(rows, metrics):
         complain(f"warning: {line}")
     components = [component for name, component in metrics if name == "rmse"]
-    against = _against(rows, wanted.against)
+    against = _against(rows, options.against)
     compared, unread = pairs(rows, rows[against - 1], components) if components and len(rows) > 1 else ({}, [])
     for line in unread:
         complain(line)
-    _show(wanted, rows, metrics, components, against, compared)
-    if wanted.plot:
-        _plot(wanted.plot, rows, components)
+    _show(options, rows, metrics, components, against, compared)
+    if options.plot:
+        _plot(options.plot, rows, components)
     return OK
 
 
-def _read(arguments: Sequence[str]) -> Wanted:
+def _read(arguments: Sequence[str]) -> CompareOptions:
     """The command line; raises UserError for what it cannot mean."""
-    from estlab.config.build import nearest
-
-    wanted = Wanted()
-    words = iter(arguments)
-    for word in words:
-        flag, equals, value = word.partition("=")
-        if not word.startswith("-"):
-            wanted.words.append(word)
-        elif flag in _VALUED:
-            value = value if equals else next(words, "")
-            if not value:
-                raise UserError(f"{flag} takes a value; see estlab compare --help")
-            if flag == "--metric":
-                wanted.metrics.append(value)
-            elif flag == "--against":
-                wanted.against = value
-            elif flag == "--csv":
-                wanted.csv = home(value)
-            else:
-                wanted.plot = Path(home(value))
-        elif word in _FLAGS:
-            if wanted.form not in ("", word):
-                raise UserError("--md and --latex are two forms of one output; take one")
-            wanted.form = word
-        else:
-            raise UserError(f"estlab compare has no {word}{nearest(word, [*_VALUED, *_FLAGS])}")
-    if not wanted.words:
+    options = parser().read(arguments, CompareOptions())
+    if not options.directories:
         raise UserError("estlab compare takes run directories, for example estlab compare runs/2026-01-31; see --help")
-    if wanted.csv == "-" and wanted.form:
-        raise UserError(f"--csv - and {wanted.form} both go to standard output; name a file for the CSV")
-    if wanted.plot and wanted.plot.suffix.lower() not in _PICTURES:
-        raise UserError(f"--plot {wanted.plot}: the picture must end in {', '.join(_PICTURES)}")
-    return wanted
+    if options.md and options.latex:
+        raise UserError("--md and --latex are two forms of one output; take one")
+    if options.csv == _STDOUT and (options.md or options.latex):
+        form = "--md" if options.md else "--latex"
+        raise UserError(f"--csv - and {form} both go to standard output; name a file for the CSV")
+    if options.plot and options.plot.suffix.lower() not in _PICTURES:
+        raise UserError(f"--plot {options.plot}: the picture must end in {', '.join(_PICTURES)}")
+    return options
 
 
 def _rows(paths: Sequence[Path]) -> "tuple[list[ComparisonRow], list[str]]":
@@ -178,7 +163,7 @@ def _against(rows: "Sequence[ComparisonRow]", wanted: str) -> int:
 
 
 def _show(
-    wanted: Wanted,
+    options: CompareOptions,
     rows: "Sequence[ComparisonRow]",
     metrics: "Sequence[Metric]",
     components: Sequence[str],
@@ -191,28 +176,28 @@ def _show(
     from estlab.report import grids
 
     write = partial(shown.write, rows, metrics, against, compared, components)
-    if wanted.csv == "-":
+    if options.csv == _STDOUT:
         sys.stdout.flush()
         write(sys.stdout.buffer)
         return
-    if wanted.csv:
-        write_whole(Path(wanted.csv), write)
+    if options.csv:
+        write_whole(options.csv, write)
     differences = shown.differences_grid(rows, against, compared, components)
     for grid in (shown.metrics_grid(rows, metrics), differences):
         if grid:
-            _print(grid, wanted.form)
+            _print(grid, options)
     for line in shown.not_paired(rows, against, compared):
-        if wanted.form:
+        if options.md or options.latex:
             complain(line)
         else:
             grids.say(line)
 
 
-def _print(grid: "Grid", form: str) -> None:
+def _print(grid: "Grid", options: CompareOptions) -> None:
     from estlab.report import grids
 
-    if form:
-        print({"--md": grids.markdown, "--latex": grids.latex}[form](grid))
+    if options.md or options.latex:
+        print(grids.markdown(grid) if options.md else grids.latex(grid))
     else:
         grids.show(grid)
 

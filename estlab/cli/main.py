@@ -1,45 +1,62 @@
 """From the command line to a command."""
 
+import argparse
 import os
 import re
 import sys
+from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from estlab import __version__
+from estlab.cli.parser import CONFIG_FOLDER, Parser
 from estlab.cli.stdio import StandardStreams
 from estlab.config.locations import options
 from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory, printable
-from estlab.launch.arguments import CONFIG_DIR, parted
+from estlab.launch.arguments import CONFIG_DIR
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
 from estlab.parallel.cores import enough_memory, one_thread_each
 from estlab.parallel.signals import interruptible
 from estlab.rundir.python_warnings import in_a_line
 
-HELP = """\
-estlab: a command-line laboratory for nonlinear state estimation
+_EXAMPLES = """\
+commands:
+  estlab run scenario=car filter=ukf
+      run a filter on a problem; a timestamped directory under runs/
+  estlab run filter=[ekf,ukf]
+      several filters on the same truth and readings
+  estlab sweep filter=ekf,ukf runs=50
+      every combination of the values given (the same as run -m)
+  estlab sweep ... --dry-run
+      list its jobs and run none
+  estlab sweep --resume DIR
+      run what is not done of a sweep that was stopped
+  estlab verify
+      run every experiment that says what it finds, and hold it to that
+  estlab compare DIR [DIR ...]
+      runs side by side: intervals, paired tests; --csv, --md, --latex, --plot
+  estlab rerun DIR
+      a run again from its own directory: are the figures the same?
+  estlab clean
+      list the runs that failed or stopped; --yes deletes them
+  estlab simulate scenario=car data.path=DIR
+      write simulated data in the problem's original file layout
+  estlab report DIR [DIR ...]
+      draw report.html of a run or a sweep again, from its directory alone
+  estlab list [scenarios|filters|experiments]
+      what there is; --config-dir DIR, what lies there too
+  estlab run --help
+      every key of the configuration, and Hydra's own flags
+  estlab run -sc install=bash
+      shell completion: eval "$(estlab run -sc install=bash)"
 
-  estlab run scenario=car filter=ukf       run a filter on a problem; a timestamped directory under runs/
-  estlab run filter=[ekf,ukf]              several filters on the same truth and readings
-  estlab sweep filter=ekf,ukf runs=50      every combination of the values given (the same as run -m)
-  estlab sweep ... --dry-run               list its jobs and run none
-  estlab sweep --resume DIR                run what is not done of a sweep that was stopped
-  estlab verify                            run every experiment that says what it finds, and hold it to that
-  estlab compare DIR [DIR ...]             runs side by side: intervals, paired tests; --csv, --md, --latex, --plot
-  estlab rerun DIR                         a run again from its own directory: are the figures the same?
-  estlab clean                             list the runs that failed or stopped; --yes deletes them
-  estlab simulate scenario=car data.path=DIR   write simulated data in the problem's original file layout
-  estlab report DIR [DIR ...]              draw report.html of a run or a sweep again, from its directory alone
-  estlab list [scenarios|filters|experiments]  what there is; --config-dir DIR, what lies there too
-  estlab run --help                        every key of the configuration, and Hydra's own flags
-  estlab run -sc install=bash              shell completion: eval "$(estlab run -sc install=bash)"
-
-Exit codes: 0 ok, 1 a run failed or did not find what it was expected to, 2 usage or configuration,
-3 some jobs of a sweep failed, 130 interrupted.
+exit codes: 0 ok, 1 a run failed or did not find what it was expected to,
+2 usage or configuration, 3 some jobs of a sweep failed, 130 interrupted
 """
 
-_COMMANDS = ("run", "sweep", "verify", "compare", "report", "rerun", "clean", "simulate", "list")
-_OF_DIRECTORIES = ("compare", "rerun", "clean")
+_MODULES = ("verify", "compare", "report", "rerun", "clean")  # of these names, with a function of the name and a parser
 _HEAD = 4000  # characters of a file in which its comment ends
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
@@ -81,74 +98,80 @@ def _run(arguments: list[str]) -> int:
 
 def _dispatch(arguments: list[str]) -> int:
     command, rest = (arguments[0], arguments[1:]) if arguments else ("--help", [])
-    if command in ("-h", "--help", "help"):
-        print(HELP, end="")
-    elif command == "--version":
-        print(f"estlab {__version__}")
-    elif command == "list":
-        return _list(rest)
-    elif command in ("run", "sweep"):
-        if command == "sweep" or {"-m", "--multirun"} & set(rest):
-            from estlab.sweeps.resume import without_own_flags
-
-            rest = without_own_flags(rest)
-        return launch(
-            [*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, ["estlab", *arguments])
-        )
-    elif command == "verify":
-        from estlab.cli.verify import verify
-
-        return verify(rest)
-    elif command == "compare":
-        from estlab.cli.compare import compare
-
-        return compare(rest)
-    elif command == "rerun":
-        from estlab.cli.rerun import rerun
-
-        return rerun(rest)
-    elif command == "clean":
-        from estlab.cli.clean import clean
-
-        return clean(rest)
-    elif command == "simulate":
-        if {"-m", "--multirun"} & set(rest):
-            raise UserError("estlab simulate writes one data set; leave out --multirun")
-        # It makes no run directory, so Hydra's is where the user stands.
-        return launch(["hydra.run.dir=.", *rest], simulate_job)
-    elif command == "report":
-        from estlab.cli.report import report
-
-        report(rest)
-    elif command in ("-sc", "--shell-completion"):
+    if command in ("-sc", "--shell-completion"):
         return _complete(rest)
-    else:
-        from estlab.config.build import nearest
+    try:
+        return _COMMANDS[command](rest) if command in _COMMANDS else _other(command)
+    except SystemExit as shown:  # what argparse ends by once it has shown a help
+        return int(shown.code or OK)
 
-        raise UserError(f"there is no command {command}{nearest(command, _COMMANDS)} (see estlab --help)")
-    return OK
+
+def _other(command: str) -> int:
+    """estlab's own flags; raises UserError for a command that there is not."""
+    parser = Parser("", "COMMAND ...", "A command-line laboratory for nonlinear state estimation.", _EXAMPLES)
+    parser.add_argument("--version", action="version", version=f"estlab {__version__}", help="show the version")
+    if command == "help" or command.startswith("-"):
+        parser.read(["--help" if command == "help" else command], argparse.Namespace())
+    from estlab.config.build import nearest
+
+    raise UserError(f"there is no command {command}{nearest(command, list(_COMMANDS))} (see estlab --help)")
+
+
+def _run_or_sweep(command: str, rest: list[str]) -> int:
+    typed = ["estlab", command, *rest]
+    if command == "sweep" or {"-m", "--multirun"} & set(rest):
+        from estlab.sweeps.resume import without_own_flags
+
+        rest = without_own_flags(rest)
+    return launch([*(["--multirun"] if command == "sweep" else []), *rest], partial(run_job, typed))
+
+
+def _simulate(rest: list[str]) -> int:
+    if {"-m", "--multirun"} & set(rest):
+        raise UserError("estlab simulate writes one data set; leave out --multirun")
+    # It makes no run directory, so Hydra's is where the user stands.
+    return launch(["hydra.run.dir=.", *rest], simulate_job)
+
+
+def _of_module(command: str, rest: list[str]) -> int:
+    """A command in the module of its name, imported when it is called."""
+    return int(getattr(_module(command), command)(rest))
+
+
+def _module(command: str) -> Any:
+    return import_module(f"estlab.cli.{command}")
+
+
+class ListOptions(argparse.Namespace):
+    """What the command line of estlab list asks for."""
+
+    kinds: list[str]
+    config_dir: list[Path]
+
+
+def _list_parser() -> Parser:
+    found = Parser(
+        "list",
+        "list [scenarios] [filters] [experiments] [--config-dir DIR]",
+        "Lists what there is, each with a line on what it is.",
+    )
+    found.add_argument("kinds", metavar="KIND", nargs="*", help=f"{', '.join(_GROUPS)}; without one, all")
+    own = "a folder of your own configuration, to list what lies there too"
+    found.add_argument(*CONFIG_DIR, type=CONFIG_FOLDER, action="append", default=[], metavar="DIR", help=own)
+    return found
 
 
 def _list(arguments: list[str]) -> int:
     """Print the options of each group, the user's own among them, with the comment that heads its file."""
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return OK
-    flags, kinds = parted(arguments)
-    folders = [Path(flag.removeprefix(f"{CONFIG_DIR[0]}=")) for flag in flags]
-    for flag, folder in zip(flags, folders, strict=True):
-        if not flag.startswith(CONFIG_DIR[0]):
-            raise UserError(f"estlab list takes {CONFIG_DIR[0]} DIR and --help, not {flag}")
-        if not folder.is_dir():
-            raise UserError(f"{CONFIG_DIR[0]}: there is no folder {folder}")
-    for kind in kinds:
+    wanted = _list_parser().read(arguments, ListOptions())
+    for kind in wanted.kinds:
         if kind not in _GROUPS:
             from estlab.config.build import nearest
 
             raise UserError(f"estlab list takes {', '.join(_GROUPS)}; got {kind}{nearest(kind, list(_GROUPS))}")
-    for kind in kinds or _GROUPS:
-        print(kind if not kinds else "", end="\n" if not kinds else "")
-        found = options(_GROUPS[kind], folders)
+    for kind in wanted.kinds or _GROUPS:
+        print(kind if not wanted.kinds else "", end="\n" if not wanted.kinds else "")
+        found = options(_GROUPS[kind], wanted.config_dir)
         width = max(map(len, found))
         for name, path in found.items():
             lines = _comment(path)
@@ -181,21 +204,34 @@ def _complete(arguments: list[str]) -> int:
     if at_second:
         print(" ".join(w for w in _COMMANDS if w.startswith(words[1] if len(words) > 1 else "")))
         return OK
+    begun = "" if line.endswith(" ") else words[-1]
+    if begun.startswith("-") and words[1] in (*_MODULES, "list"):
+        parser = _list_parser() if words[1] == "list" else _module(words[1]).parser()
+        print(" ".join(flag for flag in parser.flags() if flag.startswith(begun)))
+        return OK
     if words[1] == "list":
         print(" ".join(_GROUPS))
         return OK
-    if words[1] in _OF_DIRECTORIES:
+    if words[1] in ("compare", "rerun", "clean"):
         return OK  # the shell goes on with files and folders
     if words[1] == "report":
         from estlab.cli.report import folders
 
-        print(printable(" ".join(folders("" if line.endswith(" ") else words[-1]))))
+        print(printable(" ".join(folders(begun))))
         return OK
     if words[1] == "verify":
         from estlab.cli.verify import experiment_files
 
-        begun = "" if line.endswith(" ") else words[-1]
         print(" ".join(name for name in experiment_files(None) if name.startswith(begun)))
         line = " ".join([*words[:2], *(word for word in words[2:] if "=" in word and word != begun), begun])
     os.environ["COMP_LINE"] = re.sub(r"^(\s*\S+\s+)\S+\s", r"\1", line, count=1)
     return launch(["-sc", *arguments], simulate_job)
+
+
+_COMMANDS: dict[str, Callable[[list[str]], int]] = {
+    "run": partial(_run_or_sweep, "run"),
+    "sweep": partial(_run_or_sweep, "sweep"),
+    **{command: partial(_of_module, command) for command in _MODULES},
+    "simulate": _simulate,
+    "list": _list,
+}

@@ -1,39 +1,52 @@
 """estlab report: pages drawn again from directories."""
 
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
+from estlab.cli.parser import Parser
 from estlab.errors import UserError, printable
-
-HELP = """\
-estlab report DIR [DIR ...]
-
-Draws report.html in each directory of a run or a sweep, from the files there alone: one file with verdicts, tables,
-plots, configuration and provenance, to open in a browser or send to somebody; it needs no network. A run writes it at
-its end (report=false leaves it out), and the same directory gives the same page. What a directory holds is shown as
-data: nothing in it is imported or run, and no link in it is followed.
-
-Exit codes: 0 ok, 1 a page could not be written, 2 usage, 130 interrupted.
-"""
+from estlab.launch.launcher import OK
 
 
-def report(arguments: list[str]) -> None:
-    """Draw the pages that the words ask for and print where they are.
+class ReportOptions(argparse.Namespace):
+    """What the command line asks for."""
+
+    directories: list[Path]
+
+
+def parser() -> Parser:
+    """The command line of estlab report."""
+    found = Parser(
+        "report",
+        "report DIR [DIR ...]",
+        "Draws report.html in each directory of a run or a sweep, from the files there\n"
+        "alone: one file with verdicts, tables, plots, configuration and provenance, to\n"
+        "open in a browser or send to somebody; it needs no network. A run writes it at\n"
+        "its end (report=false leaves it out), and the same directory gives the same\n"
+        "page. What a directory holds is shown as data: nothing in it is imported or\n"
+        "run, and no link in it is followed.",
+        "exit codes: 0 ok, 1 a page could not be written, 2 usage, 130 interrupted",
+    )
+    found.add_argument("directories", metavar="DIR", type=Path, nargs="*", help="directories of runs and sweeps")
+    return found
+
+
+def report(arguments: Sequence[str]) -> int:
+    """Draw the pages that the words ask for and print where they are; the exit code.
 
     Raises UserError before any is drawn if a directory is not a run's or a sweep's.
     """
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return
+    options = parser().read(arguments, ReportOptions())
+    if not options.directories:
+        raise UserError("estlab report takes the directory of a run or a sweep, for example estlab report runs/latest")
     from estlab.report import page
 
-    if flag := next((word for word in arguments if word.startswith("-")), None):
-        raise UserError(f"estlab report takes directories and --help, not {flag}")
-    if not arguments:
-        raise UserError("estlab report takes the directory of a run or a sweep, for example estlab report runs/latest")
-    for word in arguments:
-        page.is_sweep(Path(word))
-    for word in arguments:
-        print(printable(str(page.write(Path(word)))))
+    for directory in options.directories:
+        page.is_sweep(directory)
+    for directory in options.directories:
+        print(printable(str(page.write(directory))))
+    return OK
 
 
 def folders(begun: str) -> list[str]:

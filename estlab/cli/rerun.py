@@ -1,5 +1,6 @@
 """estlab rerun: a run again from its own directory, and whether its figures are the same."""
 
+import argparse
 import hashlib
 import re
 import sys
@@ -10,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estlab.cli.parser import Parser
 from estlab.config.earlier import completed
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED, OK, complain, concluded
@@ -24,24 +26,37 @@ if TYPE_CHECKING:
     from estlab.rundir import RunDirectory
     from estlab.rundir.finished import Finished
 
-HELP = """\
-estlab rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [cores=N] [output=FOLDER | hydra.run.dir=FOLDER]
-
-Runs again what DIR's config.yaml says, with its seed, into a directory of its own, and compares every figure.
-DIR is data, whoever wrote it: classes come from estlab alone and from the plugins that you type; its own list of
-plugins does not count. Its output does not either: the run goes below runs/, or where you say.
-
-Exit codes: 0 the figures are the same to 1e-9, 1 they are not or the run failed, 2 usage, 130 interrupted.
-"""
-
 _KEYS = ("plugins", "data.path", "cores", "output", "hydra.run.dir")
 _EQUAL = 1e-9
 _LINES = 10
 
 
+class RerunOptions(argparse.Namespace):
+    """The words of the command line."""
+
+    words: list[str]
+
+
+def parser() -> Parser:
+    """The command line of estlab rerun."""
+    found = Parser(
+        "rerun",
+        "rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [cores=N]\n"
+        "                    [output=FOLDER | hydra.run.dir=FOLDER]",
+        "Runs again what DIR's config.yaml says, with its seed, into a directory of its\n"
+        "own, and compares every figure. DIR is data, whoever wrote it: classes come\n"
+        "from estlab alone and from the plugins that you type; its own list of plugins\n"
+        "does not count. Its output does not either: the run goes below runs/, or where\n"
+        "you say.",
+        "exit codes: 0 the figures are the same to 1e-9, 1 they are not or the run\nfailed, 2 usage, 130 interrupted",
+    )
+    found.add_argument("words", metavar="DIR key=value", nargs="*", help="the run's directory, and keys to set anew")
+    return found
+
+
 @dataclass(frozen=True)
-class Wanted:
-    """What the command line asks for."""
+class Rerun:
+    """Which run to repeat, and what differs from it: where its data are, who computes it, where it goes."""
 
     folder: Path
     plugins: list[str]
@@ -53,9 +68,6 @@ class Wanted:
 
 def rerun(arguments: Sequence[str]) -> int:
     """Run again and compare; the exit code."""
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return OK
     wanted = _read(arguments)
     from estlab import rundir
     from estlab.rundir import finished
@@ -77,16 +89,14 @@ def rerun(arguments: Sequence[str]) -> int:
     return FAILED if why else _compare(before, finished.read(directory.path))
 
 
-def _read(arguments: Sequence[str]) -> Wanted:
+def _read(arguments: Sequence[str]) -> Rerun:
     from estlab.config.build import nearest
     from estlab.rundir.finished import is_run
 
     keys: dict[str, str] = {}
     folders = []
-    for word in arguments:
+    for word in parser().read(arguments, RerunOptions()).words:
         key, equals, value = word.partition("=")
-        if word.startswith("-"):
-            raise UserError(f"estlab rerun has no flag {word}; see estlab rerun --help")
         if not equals or Path(word).exists():
             folders.append(Path(word))
         elif key in _KEYS and not value:
@@ -108,7 +118,7 @@ def _read(arguments: Sequence[str]) -> Wanted:
     cores = int(keys["cores"]) if re.fullmatch("[1-9][0-9]{0,8}", keys.get("cores", "")) else None
     if cores is None and keys.get("cores", "null") != "null":
         raise UserError(f"cores={keys['cores']}: write a whole number from 1, for example cores=1")
-    return Wanted(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
+    return Rerun(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
 
 
 def _itself(folder: Path) -> Path:
@@ -117,7 +127,7 @@ def _itself(folder: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def _config(before: "Finished", wanted: Wanted) -> dict[str, Any]:
+def _config(before: "Finished", wanted: Rerun) -> dict[str, Any]:
     """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
     config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
     if config.get("engine") == "numba":  # what compiled the steps before
@@ -155,11 +165,11 @@ def _data_path(before: "Finished", was: str, typed: str | None) -> str:
     return str(path)
 
 
-def _settings(before: "Finished", config: Mapping[str, Any], wanted: Wanted) -> "tuple[Settings, Names]":
+def _settings(before: "Finished", config: Mapping[str, Any], wanted: Rerun) -> "tuple[Settings, Names]":
     """The configuration as objects, held to estlab's own classes and the plugins that were typed."""
     from estlab import rundir
     from estlab.config.build import build
-    from estlab.experiment import experiment
+    from estlab.experiment.compatibility import check
     from estlab.experiment.monte_carlo import Names
 
     names = Names(before.scenario, before.filter, before.changes)
@@ -167,7 +177,7 @@ def _settings(before: "Finished", config: Mapping[str, Any], wanted: Wanted) -> 
         sys.path.insert(0, str(Path.cwd()))
     try:
         settings = build(config)
-        experiment.check(settings, names)
+        check(settings, names)
     except UserError as error:
         theirs = before.config.get("plugins")
         hint = f" (its own plugins, {theirs}, do not count: type those that you trust)" if theirs else ""
@@ -176,7 +186,7 @@ def _settings(before: "Finished", config: Mapping[str, Any], wanted: Wanted) -> 
     return settings, names
 
 
-def _place(wanted: Wanted, before: "Finished") -> Path:
+def _place(wanted: Rerun, before: "Finished") -> Path:
     if wanted.to:
         return Path(wanted.to)
     stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}"

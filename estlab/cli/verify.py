@@ -1,5 +1,6 @@
 """estlab verify: the experiments that say what they find, run and held to it."""
 
+import argparse
 import contextlib
 import io
 import time
@@ -8,30 +9,43 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estlab.cli.parser import CONFIG_FOLDER, Parser
 from estlab.config.locations import conf_folder
 from estlab.errors import UserError
 from estlab.launch import yaml_bounds
+from estlab.launch.arguments import CONFIG_DIR
 from estlab.launch.given_keys import other_data
 from estlab.launch.launcher import FAILED, OK, USAGE, complain, launch, remove_if_ours, run_job
-from estlab.launch.path_arguments import home
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
     from estlab.config.expectations import Finding
 
-HELP = """\
-estlab verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]
 
-Runs every experiment whose file has an expect block, or those named, and holds each to it. The runs stand side by
-side below one folder, <output>/<date>/<time>_verify/, without plots and pages; at the end one table says what was
-expected and what was found. key=value holds for every run: estlab verify seed=2 asks whether the answers hang on the
-seed, estlab verify epuck_smooth data=files data.path=DIR what it expects of that recording.
+class VerifyOptions(argparse.Namespace):
+    """What the command line asks for: experiments and keys, and the user's folder of configuration."""
 
-Exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted.
-"""
+    words: list[str]
+    config_dir: Path | None
 
-_CONFIG_DIR = ("--config-dir", "-cd")
+
+def parser() -> Parser:
+    """The command line of estlab verify."""
+    found = Parser(
+        "verify",
+        "verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]",
+        "Runs every experiment whose file has an expect block, or those named, and holds\n"
+        "each to it. The runs stand side by side below one folder,\n"
+        "<output>/<date>/<time>_verify/, without plots and pages; at the end one table\n"
+        "says what was expected and what was found. key=value holds for every run:\n"
+        "estlab verify seed=2 asks whether the answers hang on the seed, estlab verify\n"
+        "epuck_smooth data=files data.path=DIR what it expects of that recording.",
+        "exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted",
+    )
+    found.add_argument("words", metavar="EXPERIMENT", nargs="*", help="experiments, and keys for every run")
+    found.add_argument(*CONFIG_DIR, type=CONFIG_FOLDER, metavar="DIR", help="a folder of your own configuration")
+    return found
 
 
 @dataclass
@@ -51,12 +65,9 @@ class ExperimentOutcome:
 
 def verify(arguments: list[str]) -> int:
     """Run what the words ask for and print one table; the exit code."""
+    names, keys, config_dir = _read(arguments)
     from estlab.report.console import console
 
-    if {"-h", "--help"} & set(arguments):
-        print(HELP, end="")
-        return OK
-    names, keys, config_dir = _read(arguments)
     experiments = _chosen(names, experiment_files(config_dir))
     # Flags before keys, where Hydra sees them.
     before, after = ["--config-dir", str(config_dir)] if config_dir else [], ["plots=false", "report=false", *keys]
@@ -87,26 +98,16 @@ def _read(arguments: Sequence[str]) -> tuple[list[str], list[str], Path | None]:
     """The experiments named, the keys that every run is given, and the user's folder of configuration."""
     names: list[str] = []
     keys: list[str] = []
-    folder = None
-    words = iter(arguments)
-    for word in words:
-        flag, equals, value = word.partition("=")
-        if flag in _CONFIG_DIR:
-            value = value if equals else next(words, "")
-            folder = Path(home(value))
-            if not value or not folder.is_dir():
-                raise UserError(f"{flag} takes a folder of configuration, got {value!r}")
-        elif word.startswith("-"):
-            raise UserError(f"estlab verify takes --config-dir DIR and --help, not {word}")
-        elif word.lstrip("+").startswith(("experiment=", "hydra.")):
+    options = parser().read(arguments, VerifyOptions())
+    for word in options.words:
+        if word.lstrip("+").startswith(("experiment=", "hydra.")):
             raise UserError(
                 f"{word}: estlab verify names the experiments and places the runs; see estlab verify --help"
             )
-        elif word == "~expect" or word in ("expect=null", "expect={}"):
+        if word == "~expect" or word in ("expect=null", "expect={}"):
             raise UserError(f"{word} leaves nothing to verify")
-        else:
-            (keys if equals or word.startswith("~") else names).append(word)
-    return names, keys, folder
+        (keys if "=" in word or word.startswith("~") else names).append(word)
+    return names, keys, options.config_dir
 
 
 def _chosen(names: Sequence[str], known: dict[str, Path]) -> list[str]:

@@ -1,20 +1,19 @@
-"""What is computed once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
+"""What is made once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
 
 import logging
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import BinaryIO, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from estlab.errors import IncompleteError, plugin_fault, printable
-from estlab.rundir import RunDirectory
 
 Made = TypeVar("Made")
 
 # What is made of runs that diverge is NaN or infinite, and they are counted: no arithmetic is worth a warning here.
 _quietly = partial(np.errstate, invalid="ignore", over="ignore", divide="ignore")
-_SAID = 200  # characters of a reason
+_LONGEST = 200  # characters of a reason
 
 log = logging.getLogger("estlab")
 
@@ -22,11 +21,11 @@ log = logging.getLogger("estlab")
 class Attempts:
     """The one place that draws, bounds, tests and writes for a run.
 
-    missing: why each thing is missing that could not be made. Its traceback is in log.txt.
+    missing: why each thing is missing that could not be made. Its traceback is logged.
     """
 
-    def __init__(self, directory: RunDirectory, plugins: Sequence[str] = ()) -> None:
-        self._directory, self._plugins = directory, plugins
+    def __init__(self, plugins: Sequence[str] = ()) -> None:
+        self._plugins = plugins
         self._needed: list[str] = []
         self.missing: dict[str, str] = {}
 
@@ -41,15 +40,11 @@ class Attempts:
             self._miss(what, error, needed)
             return None
 
-    def write(self, name: str, write: Callable[[BinaryIO], object], needed: bool = False) -> None:
-        """Write a file of the run directory. Raises OSError: a disk that fails, fails for every file."""
-        self.show(name, partial(self._directory.write, name, write), needed)
-
-    def show(self, what: str, show: Callable[[], object], needed: bool = False) -> None:
-        """Print or write something. Raises OSError, which says of the terminal or disk that it is gone."""
+    def put(self, what: str, put: Callable[[], object], needed: bool = False) -> None:
+        """Print or write something. Raises OSError: a terminal or disk that fails, fails for everything."""
         try:
             with _quietly():
-                show()
+                put()
         except Warning:
             raise
         except (Exception, SystemExit) as error:
@@ -64,14 +59,14 @@ class Attempts:
             reasons.setdefault(why, []).append(what)
         return [f"missing: {', '.join(what)} ({why}); the traceback is in log.txt" for why, what in reasons.items()]
 
-    def complete(self) -> None:
-        """Raise IncompleteError if something is missing that a run needs."""
+    def complete(self, where: object) -> None:
+        """Raise IncompleteError if something is missing that a run needs. where: the directory that has the rest."""
         if self._needed:
             what = self._needed[0]
             more = f" and {len(self._needed) - 1} more" if len(self._needed) > 1 else ""
             raise IncompleteError(
                 f"the run is incomplete, {what}{more} is missing ({self.missing[what]}); all else is kept in "
-                f"{self._directory.path}, the traceback is in its log.txt"
+                f"{where}, the traceback is in its log.txt"
             )
 
     def _miss(self, what: str, error: BaseException, needed: bool) -> None:
@@ -81,6 +76,6 @@ class Attempts:
 
 
 def _reason(error: BaseException) -> str:
-    said = printable(" ".join(str(error).split()))
-    said = said if len(said) <= _SAID else f"{said[:_SAID]} …"
-    return f"{type(error).__name__}: {said}" if said else type(error).__name__
+    text = printable(" ".join(str(error).split()))
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

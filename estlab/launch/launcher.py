@@ -116,12 +116,13 @@ def run_job(command: list[str], config: "DictConfig", told: "Callable[[list[Find
     from estlab import rundir
     from estlab.config import expectations
     from estlab.experiment import experiment
+    from estlab.experiment.compatibility import check
     from estlab.launch import composed
 
     folder = Path(composed.raw(HydraConfig.get().runtime)["output_dir"])
     try:
         settings, names = composed.settings_of(config)
-        experiment.check(settings, names)
+        check(settings, names)
         directory = rundir.RunDirectory(folder)
     except BaseException:
         remove_if_ours(folder, Path(str(config.output)))
@@ -191,13 +192,13 @@ def simulate_job(config: "DictConfig") -> int:
 
     Raises UserError for a configuration from which none can be made.
     """
-    from estlab.experiment import experiment
+    from estlab.experiment.simulate import simulate
     from estlab.launch import composed
 
     settings, names = composed.settings_of(config)
     if not settings.data.path:
         raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
-    for path in experiment.simulate(settings, names):
+    for path in simulate(settings, names):
         print(printable(str(path)))
     return OK
 

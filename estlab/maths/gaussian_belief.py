@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.linalg import block_diagonal, cholesky, matmul, matvec
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Generators
 
 
+@renamed(of="take", put="replaced")
 class Gaussian(NamedTuple):
     """Mean (n, *batch) and covariance (n, n, *batch)."""
 

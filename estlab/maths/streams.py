@@ -7,9 +7,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.space import Array
 
 
+@renamed(draws="generators")
 @dataclass(frozen=True)
 class Streams:
     """Independent streams keyed by seed, owner, purpose and run number.
@@ -40,6 +42,7 @@ class Streams:
         return np.ascontiguousarray(self.generators(purpose, runs).uniforms(shape))
 
 
+@renamed(of="take")
 class Generators:
     """Random number generators of a batch of runs, each of which draws from its own stream.
 
@@ -70,3 +73,6 @@ class Generators:
         for k, generator in enumerate(self._generators):
             generator.random(out=numbers[k, ...])
         return np.moveaxis(numbers, 0, -1)
+
+
+Draws = Generators  # its earlier name, for plugins

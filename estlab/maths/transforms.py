@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import gram, matmul, matvec, summed, symmetric, transpose
@@ -16,6 +17,7 @@ from estlab.maths.space import Array, Space
 from estlab.maths.stacking import Rows, matrix, through
 
 
+@renamed(slope="jacobian", slope_rows="jacobian_rows", curvature="hessians")
 @dataclass(frozen=True)
 class Function:
     """A model with everything but its argument fixed.

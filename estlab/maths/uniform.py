@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
 
 
+@renamed(of="take")
 class Uniform(NamedTuple):
     """Uniform over the box from low (n,) to high (n,), the same for each of the runs."""
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from estlab.compiled.exact import Exact, exact
+from estlab.earlier_names import renamed
 from estlab.maths.finite_differences import hessian, jacobian
 from estlab.maths.space import Array, Space
 from estlab.maths.stacking import Components, Rows, matrix, stacked
@@ -23,6 +24,7 @@ Jacobian = Callable[[Array, Array], Rows]
 Hessians = Callable[..., Sequence[Rows] | None]
 
 
+@renamed(line="unrolled")
 @dataclass(frozen=True)
 class Motion:
     """x[k] = move(x[k-1], u[k], w[k], dt) with w ~ N(0, noise_cov(u, dt)).
@@ -121,6 +123,7 @@ class Motion:
         return jacobian(lambda noise: self.step(state[:, None], control, noise, dt), silent, self.unrolled)
 
 
+@renamed(places="landmarks", slope="jacobian", place="landmark")
 @dataclass(frozen=True)
 class Sensor:
     """z = measure(x, landmark) + v with v ~ N(0, noise_cov).

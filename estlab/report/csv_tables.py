@@ -14,12 +14,12 @@ Spelled = dict[tuple[str, bytes], list[str]]
 
 def write(table: Table, stream: BinaryIO) -> None:
     """Write one table, by column or by row. Nothing is written for None and NaN."""
-    _write(stream, _by_column(table))
+    _write(stream, by_column(table))
 
 
 def of_filters(by_filter: Mapping[str, Table], seed: int) -> dict[str, Array]:
     """The tables of several filters as one: the filter is the first column, the seed the last."""
-    parts = {name: _by_column(table) for name, table in by_filter.items()}
+    parts = {name: by_column(table) for name, table in by_filter.items()}
     sizes = [next((column.size for column in part.values()), 0) for part in parts.values()]
     columns = {"filter": np.repeat(list(parts), sizes)}
     for name in dict.fromkeys(name for part in parts.values() for name in part):
@@ -27,7 +27,8 @@ def of_filters(by_filter: Mapping[str, Table], seed: int) -> dict[str, Array]:
     return {**columns, "seed": np.full(sum(sizes), seed)}
 
 
-def _by_column(table: Table) -> dict[str, Array]:
+def by_column(table: Table) -> dict[str, Array]:
+    """A table by column, whichever way it was."""
     if not isinstance(table, Mapping):
         table = {name: [row[name] for row in table] for name in (table[0] if table else ())}
     return {name: _array(values) for name, values in table.items()}

@@ -1,8 +1,11 @@
-"""The pictures of a run: which there are, and what draws each."""
+"""The pictures of a run: a function for each, which draws it or says that the run has none."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from estlab import rundir
 from estlab.maths.space import Array, Space
@@ -19,49 +22,115 @@ if TYPE_CHECKING:
 _MANY = 20  # runs from which their distribution has a shape
 
 Draw = Callable[["Axes", str, int], None]
-Make = Callable[[], "Figure"]
+Make = Callable[[], "Figure | None"]
 
 
-def pictures(
-    tables: Mapping[str, Mapping[str, Any]],
-    arrays: dict[str, Array],
-    filters: Sequence[str],
-    space: Space,
-    title: str,
-    runs: range,
-    repeated: bool,
-    draw: Draw,
-) -> dict[str, Make]:
-    """What draws each picture that the run has, by its name. A single step has none.
+@dataclass(frozen=True)
+class PlotData:
+    """What the pictures of a run are drawn from.
 
-    tables: what is written of each filter, by file, as far as there is any. arrays: those of estimates.npz. repeated:
-    whether all runs are of one recording. draw: adds the problem's own things to a picture of the plane, of a filter
-    in the run that is at this place among those kept.
+    tables: by file and filter, as far as there are any. arrays: those of estimates.npz. repeated: whether all runs are
+    of one recording. draw: adds the problem's own things to a picture of the plane, of a filter in the run that is at
+    this place among those kept.
     """
-    if arrays["time"].size < 2:
+
+    tables: Mapping[str, Mapping[str, Any]]
+    arrays: dict[str, Array]
+    filters: Sequence[str]
+    space: Space
+    title: str
+    runs: range
+    repeated: bool
+    draw: Draw
+
+
+_PICTURES: dict[str, Callable[[PlotData], "Figure | None"]] = {}
+_OF_EACH_FILTER: dict[str, Callable[[PlotData, str], "Figure | None"]] = {}
+
+
+def picture(draw: Callable[[PlotData], "Figure | None"]) -> Callable[[PlotData], "Figure | None"]:
+    """Declare a picture, whose file has the function's name; None from it: the run has none."""
+    _PICTURES[draw.__name__] = draw
+    return draw
+
+
+def picture_of_filter(draw: Callable[[PlotData, str], "Figure | None"]) -> Callable[[PlotData, str], "Figure | None"]:
+    """The same of each filter, whose name the file's ends with if there are several."""
+    _OF_EACH_FILTER[draw.__name__] = draw
+    return draw
+
+
+def pictures(data: PlotData) -> dict[str, Make]:
+    """What draws each picture, by its file's name; None from it: the run has none. A run of a single step has none."""
+    if data.arrays["time"].size < 2:
         return {}
-    found: dict[str, Make] = {}
-    errors, histograms = tables.get(rundir.ERRORS), tables.get(rundir.HISTOGRAMS)
-    if errors:
-        found["errors.png"] = lambda: draw_errors(errors, space, title, runs)
-        if space.size > MOST:
-            found["components.png"] = lambda: draw_components(errors, space, title)
-    for file, column, what in ((rundir.NEES, "anees", "NEES / n"), (rundir.NIS, "anis", "NIS / m")):
-        if shown := consistency_of(tables.get(file, {}), column):
-            found[f"{column[1:]}.png"] = partial(draw_consistency, shown, column, what, title, runs)
-    sizes = {name: noted(one, "ess") for name, one in tables.get(rundir.NOTES, {}).items() if "ess" in one["note"]}
-    if sizes:
-        found["ess.png"] = lambda: draw_ess(sizes, title, runs)
-    if histograms and any(histograms.values()) and len(runs) >= _MANY:
-        found["distribution.png"] = lambda: draw_distribution(histograms, space, title)
-    if space.position:
-        found["trajectory.png"] = lambda: draw_trajectory(
-            arrays, filters, space, title, lambda axes, name: draw(axes, name, 0)
-        )
-    if repeated and arrays["run"].size > 1:
-        found["repeats.png"] = lambda: draw_repeats(arrays, filters, space, title)
-    if len(space.position) >= 2:
-        for name in clouds_of(arrays, filters):
-            picture = f"cloud_{name}.png" if len(filters) > 1 else "cloud.png"
-            found[picture] = partial(draw_clouds, arrays, name, filters, space, title, draw)
+    found: dict[str, Make] = {f"{name}.png": partial(draw, data) for name, draw in _PICTURES.items()}
+    for name, draw in _OF_EACH_FILTER.items():
+        for filter in data.filters:
+            ending = f"_{filter}" if len(data.filters) > 1 else ""
+            found[f"{name}{ending}.png"] = partial(draw, data, filter)
     return found
+
+
+@picture
+def errors(data: PlotData) -> "Figure | None":
+    table = data.tables.get(rundir.ERRORS)
+    return draw_errors(table, data.space, data.title, data.runs) if table else None
+
+
+@picture
+def components(data: PlotData) -> "Figure | None":
+    table = data.tables.get(rundir.ERRORS)
+    return draw_components(table, data.space, data.title) if table and data.space.size > MOST else None
+
+
+@picture
+def nees(data: PlotData) -> "Figure | None":
+    return _consistency(data, rundir.NEES, "anees", "NEES / n")
+
+
+@picture
+def nis(data: PlotData) -> "Figure | None":
+    return _consistency(data, rundir.NIS, "anis", "NIS / m")
+
+
+def _consistency(data: PlotData, file: str, column: str, heading: str) -> "Figure | None":
+    table = consistency_of(data.tables.get(file, {}), column)
+    return draw_consistency(table, column, heading, data.title, data.runs) if table else None
+
+
+@picture
+def ess(data: PlotData) -> "Figure | None":
+    notes = data.tables.get(rundir.NOTES, {})
+    sizes = {name: noted(one, "ess") for name, one in notes.items() if np.any(one["note"] == "ess")}
+    return draw_ess(sizes, data.title, data.runs) if sizes else None
+
+
+@picture
+def distribution(data: PlotData) -> "Figure | None":
+    table = data.tables.get(rundir.HISTOGRAMS)
+    if not table or not any(table.values()) or len(data.runs) < _MANY:
+        return None
+    return draw_distribution(table, data.space, data.title)
+
+
+@picture
+def trajectory(data: PlotData) -> "Figure | None":
+    if not data.space.position:
+        return None
+    return draw_trajectory(
+        data.arrays, data.filters, data.space, data.title, lambda axes, name: data.draw(axes, name, 0)
+    )
+
+
+@picture
+def repeats(data: PlotData) -> "Figure | None":
+    several = data.repeated and data.arrays["run"].size > 1
+    return draw_repeats(data.arrays, data.filters, data.space, data.title) if several else None
+
+
+@picture_of_filter
+def cloud(data: PlotData, filter: str) -> "Figure | None":
+    if len(data.space.position) < 2 or filter not in clouds_of(data.arrays, data.filters):
+        return None
+    return draw_clouds(data.arrays, filter, data.filters, data.space, data.title, data.draw)

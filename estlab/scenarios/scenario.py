@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from estlab.earlier_names import renamed
 from estlab.errors import UserError
 from estlab.maths.space import Array, Space
 from estlab.maths.streams import Streams
@@ -33,6 +34,7 @@ class Scales:
                 raise ValueError(f"{name} must be > 0 and between 1e-50 and 1e50, got {value:g}")
 
 
+@renamed(target="landmark_number", places="landmarks", shown="extra")
 @dataclass(frozen=True)
 class History:
     """One run as it is drawn: all that a problem's own pictures may use.

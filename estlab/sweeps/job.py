@@ -48,6 +48,7 @@ class Job:
         from estlab.config import expectations
         from estlab.config.build import build
         from estlab.experiment import experiment
+        from estlab.experiment.compatibility import check
         from estlab.experiment.monte_carlo import Names
 
         facts: dict[str, Any] = {"fingerprint": state.fingerprint(self.plain, self.scenario, self.filter)}
@@ -61,7 +62,7 @@ class Job:
             directory.write_text(OVERRIDES, self.typed)
             names = Names(self.scenario, self.filter, tuple(self.changes))
             settings = build(self.plain)
-            experiment.check(settings, names)
+            check(settings, names)
             return expectations.unmet(
                 experiment.run(settings, names, directory, ["estlab", "run", *map(as_typed, self.overrides)])
             )

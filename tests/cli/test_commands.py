@@ -14,7 +14,7 @@ import yaml
 
 from estlab import __version__
 from estlab.cli.main import main
-from estlab.experiment import results
+from estlab.experiment import statistics
 from estlab.filters.engine import CompiledLoop
 from estlab.metrics import tabulated
 from tests.conftest import ROOT
@@ -37,6 +37,17 @@ def test_help_and_version_name_every_command(capsys):
     assert all(f"estlab {command}" in text for command in COMMANDS)
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"estlab {__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["", "list", "compare", "rerun", "clean", "verify", "report"])
+def test_a_help_is_80_columns_wide_and_shown_whatever_else_is_typed(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main([*command.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: estlab {command}")
+    assert max(map(len, text.splitlines())) <= 80
+    assert main([*command.split(), "-h", "--nothing-like-it"]) == 0
+    assert capsys.readouterr() == (text, "")
 
 
 def test_help_version_and_list_import_nothing_heavy():
@@ -190,8 +201,8 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
         (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
         (["list", "experimnts"], "got experimnts; did you mean experiments?"),
-        (["list", "--config-dir", "nowhere"], "--config-dir: there is no folder nowhere"),
-        (["list", "--cfg", "job"], "estlab list takes --config-dir DIR and --help, not --cfg=job"),
+        (["list", "--config-dir", "nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
+        (["list", "--cfg", "job"], "estlab list has no --cfg (see estlab list --help)"),
         (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
         (["run", "seed=1e30"], "seed is too large a number"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
@@ -420,7 +431,7 @@ def test_a_statistic_that_breaks_is_a_remark_and_a_run_without_errors_has_failed
         raise ZeroDivisionError("one over nothing")
 
     words = ["run", "scenario=field", *TINY, "plots=false", "expect.efficiency.x=[0,9]"]
-    monkeypatch.setattr(results, "posterior_bound", broken)
+    monkeypatch.setattr(statistics, "posterior_bound", broken)
     assert main([*words, "expect=null", "hydra.run.dir=remark"]) == 0
     said = "missing: Cramér-Rao bound (ZeroDivisionError: one over nothing); the traceback is in log.txt"
     assert said in capsys.readouterr().out
@@ -541,6 +552,9 @@ def test_a_users_own_folder_of_configuration_is_found(capsys):
         ("estlab run scenario=car filter.al", {"filter.alpha="}),
         ("estlab c", {"compare", "clean"}),
         ("estlab compare ru", set()),
+        ("estlab compare runs --m", {"--metric", "--md"}),
+        ("estlab clean --", {"--failed", "--older-than", "--keep-last", "--yes", "--help"}),
+        ("estlab list --c", {"--config-dir"}),
         ("estlab list ", {"scenarios", "filters", "experiments"}),
     ],
 )

@@ -163,7 +163,7 @@ def test_words_name_runs_folders_links_and_patterns_and_each_run_counts_once(cap
 
 
 def test_metrics_are_chosen_and_columns_follow(capsys):
-    rows = table(capsys, "ekf", "--metric", "rmse.x", "--metric=inside_3sigma")
+    rows = table(capsys, "--metric", "rmse.x", "ekf", "--metric=inside_3sigma")
     metrics = [name for name in rows[0] if name.endswith(".low") and not name.startswith("difference")]
     assert metrics == [
         f"{m}.low" for m in ("rmse.x", *(f"inside_3sigma.{c}" for c in ("x", "y", "heading")), "inside_3sigma")
@@ -297,6 +297,9 @@ def test_a_broken_table_of_runs_leaves_the_rows_and_says_what_is_not_paired(caps
         (["nowhere"], "there is no nowhere"),
         (["ekf", "--metrc", "x"], "has no --metrc; did you mean --metric?"),
         (["ekf", "--metric"], "--metric takes a value"),
+        (["ekf", "--metric="], "--metric takes a value, got ''"),
+        (["ekf", "--csv", "--md"], "--csv takes a file"),
+        (["ekf", "--m=rmse"], "has no --m"),
         (["ekf", "--metric", "rmse.z"], "no run has it"),
         (["ekf", "--against", "7"], "there is no such row; give a number from 1 to 1"),
         (["ekf", "both", "--against", "ekf"], "rows 1, 2 are"),

@@ -12,7 +12,7 @@ import pytest
 
 from estlab.cli.main import main
 from estlab.cli.stdio import Guarded
-from estlab.experiment import results
+from estlab.experiment import experiment
 from estlab.rundir import RunDirectory
 from tests.cli.sweeping import TINY, status
 from tests.conftest import ROOT
@@ -82,13 +82,13 @@ def made_again(run: Path) -> None:
 @pytest.mark.parametrize("fault", [shutil.rmtree, made_again, replaced_by_a_link], ids=lambda fault: fault.__name__)
 def test_a_run_whose_directory_goes_is_one_line_and_no_file_is_written_elsewhere(fault, monkeypatch, capsys):
     monkeypatch.chdir(Path.cwd())
-    compute = results.written
+    write = experiment.write
 
     def written(*given):
         fault(Path("run"))
-        return compute(*given)
+        return write(*given)
 
-    monkeypatch.setattr(results, "written", written)
+    monkeypatch.setattr(experiment, "write", written)
     assert main(WORDS) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith(
@@ -111,7 +111,7 @@ def test_an_error_that_names_no_file_is_not_blamed_on_the_directory(monkeypatch,
     def refuse(*_):
         raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
 
-    monkeypatch.setattr(results, "written", refuse)
+    monkeypatch.setattr(experiment, "write", refuse)
     assert main([*WORDS, "report=false"]) == 1
     assert capsys.readouterr().err.startswith("estlab: Resource temporarily unavailable; the traceback is in ")
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from estlab.config.expectations import unmet
 from estlab.errors import UserError
 from estlab.experiment import experiment
+from estlab.experiment.compatibility import check
 from estlab.experiment.monte_carlo import Names
 from estlab.launch.launcher import concluded
 from estlab.rundir import RunDirectory
@@ -53,7 +54,7 @@ def taken(base, scenario, capsys):
     found = {}
     for name, filter in filters().items():
         try:
-            experiment.check(replace(base, filter=filter), Names(scenario, name))
+            check(replace(base, filter=filter), Names(scenario, name))
             found[name] = filter
         except UserError as error:
             assert str(error).startswith("filter."), error

@@ -156,13 +156,13 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
     assert said(caught.value) == f"{folder}: no answer; the run is incomplete, check its permissions"
 
 
-def test_a_picture_whose_file_a_plugin_misses_is_missing_and_the_run_goes_on(tmp_path):
+def test_a_picture_whose_file_a_plugin_misses_is_missing_and_the_run_goes_on():
     def draw():
         raise FileNotFoundError(errno.ENOENT, "not there", "icon.png")
 
-    attempts = Attempts(RunDirectory(tmp_path / "run"), ["tests"])
-    attempts.show("trajectory.png", draw)
+    attempts = Attempts(["tests"])
+    attempts.put("trajectory.png", draw)
     where = f"{__name__}.{draw.__qualname__}, line {draw.__code__.co_firstlineno + 1}"
     assert attempts.missing["trajectory.png"].startswith(f"{where}, raised FileNotFoundError: ")
     with pytest.raises(FileNotFoundError):
-        Attempts(RunDirectory(tmp_path / "other")).show("trajectory.png", draw)
+        Attempts().put("trajectory.png", draw)

@@ -257,7 +257,7 @@ def test_nothing_that_a_directory_names_is_imported_or_run(copy):
             ["copy", "empty"],
             "empty: holds neither a run nor a sweep; name a directory that estlab run or estlab sweep made",
         ),
-        (["copy", "--open"], "estlab report takes directories and --help, not --open"),
+        (["copy", "--open"], "estlab report has no --open (see estlab report --help)"),
     ],
 )
 def test_a_mistake_is_one_line_and_draws_nothing(copy, words, said, capsys):
@@ -282,7 +282,7 @@ def test_help_is_light_and_directories_are_completed(copy, monkeypatch, capsys):
         "print(sorted({'numpy', 'scipy', 'pandas', 'matplotlib', 'hydra', 'rich', 'yaml'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert out.startswith("estlab report DIR") and out.endswith("[]\n")
+    assert out.startswith("usage: estlab report DIR") and out.endswith("[]\n")
     for line, answer in [("co", "copy/"), ("copy/", "copy/plots/"), ("x", "")]:
         monkeypatch.setenv("COMP_LINE", f"estlab report {line}")
         assert main(["-sc", "query=bash"]) == 0

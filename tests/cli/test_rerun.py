@@ -240,7 +240,7 @@ def test_data_that_have_moved_changed_or_gone_are_said_before_the_run(capsys, mo
             ["runs/day/run", "seed=3"],
             "runs what was run; it takes plugins, data.path, cores, output, hydra.run.dir alone",
         ),
-        (["runs/day/run", "--fast"], "has no flag --fast"),
+        (["runs/day/run", "--fast"], "estlab rerun has no --fast (see estlab rerun --help)"),
         (["runs/day/run", "plugins=mine"], "write a list"),
         (["runs/day/run", "data.path=x"], "the run's data were simulated"),
         (["runs/day/run", "hydra.run.dir=runs/day/run"], "holds a run already"),

@@ -17,7 +17,7 @@ from estlab.cli.main import main
 from estlab.config.build import build
 from estlab.config.locations import conf_folder
 from estlab.errors import UserError
-from estlab.experiment.experiment import check
+from estlab.experiment.compatibility import check
 from estlab.experiment.monte_carlo import Names
 from estlab.launch import composition, yaml_bounds
 from estlab.launch.arguments import prepared

@@ -8,10 +8,11 @@ import pytest
 
 from estlab import rundir
 from estlab.errors import IncompleteError
-from estlab.experiment import results
+from estlab.experiment import compute, statistics, write
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import Names, estimated, record_of, workers
-from estlab.metrics import series, tabulated
+from estlab.experiment.monte_carlo import Names
+from estlab.experiment.result import Result
+from estlab.metrics import filter_tables, series, tabulated
 from estlab.metrics.tally import Tally
 from estlab.report import plots
 from estlab.scenarios.sonar import Sonar
@@ -28,14 +29,16 @@ class Made:
         self.settings = settings(*overrides)
         scenario = overrides[0].removeprefix("scenario=")
         self.names = Names(scenario, "pf")
-        with workers(self.settings, self.names) as pool:
-            first = record_of(self.settings, self.names, self.settings.run_numbers)
-            self.ensemble = estimated(self.settings, self.names, first, pool, lambda total: lambda steps: None)
+        self.ensemble = compute.compute_part(self.settings, self.names)
+
+    def result(self, plots: bool) -> Result:
+        facts = {"title": "title", "data": [], "seconds_per_run_and_step": self.ensemble.cost(20)}
+        return compute.result_of(replace(self.settings, plots=plots), self.names, self.ensemble, facts)
 
     def written(self, folder: Path, plots: bool) -> Attempts:
-        attempts = Attempts(rundir.RunDirectory(folder))
-        results.written(replace(self.settings, plots=plots), self.names, self.ensemble, "title", attempts)
-        return attempts
+        result = self.result(plots)
+        write.write(result, rundir.RunDirectory(folder))
+        return result.attempts
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +71,16 @@ FIGURES = [
     (tabulated, "_noted", {"what the filter noted of pf"}, False),
     (tabulated, "_diverged", {"diverged runs of pf"}, False),
     (tabulated, "_errors", {"errors of pf"}, True),
-    (results, "consistency_tests", {"tests of pf"}, False),
-    (results, "judge", {"verdict on pf"}, False),
+    (statistics, "consistency_tests", {"tests of pf"}, False),
+    (statistics, "judge", {"verdict on pf"}, False),
     (series, "errors", {"pf in errors.csv"}, False),
     (series, "nees", {"pf in nees.csv"}, False),
     (series, "nis", {"pf in nis.csv"}, False),
     (series, "notes", {"pf in notes.csv"}, False),
-    (results, "coverage_rows", {"pf in coverage.csv"}, False),
-    (results, "histogram_rows", {"pf in histograms.csv"}, False),
-    (results, "test_rows", {"pf in tests.csv"}, False),
-    (results, "_bound", {"Cramér-Rao bound"}, False),
+    (filter_tables, "coverage_rows", {"pf in coverage.csv"}, False),
+    (filter_tables, "histogram_rows", {"pf in histograms.csv"}, False),
+    (filter_tables, "test_rows", {"pf in tests.csv"}, False),
+    (statistics, "_bound", {"Cramér-Rao bound"}, False),
     (Sonar, "table", {"sonar.csv"}, False),
 ]
 
@@ -100,9 +103,9 @@ def test_a_statistic_or_table_that_throws_is_missing_alone(
     assert remark == f"missing: {missing.pop()} (ZeroDivisionError: one over nothing); the traceback is in log.txt"
     if needed:
         with pytest.raises(IncompleteError, match=r"the run is incomplete, errors of pf is missing .ZeroDivisionError"):
-            attempts.complete()
+            attempts.complete(tmp_path)
     else:
-        attempts.complete()
+        attempts.complete(tmp_path)
     kept = files(tmp_path)
     # A test that is missing takes the verdict with it, and both are lines of metrics.csv.
     assert len(whole) - len(kept) <= 2
@@ -124,9 +127,9 @@ def test_a_file_that_cannot_be_written_is_missing_alone(file, car, monkeypatch, 
     assert len(files(tmp_path)) == 11
     if file in ("metrics.csv", "estimates.npz"):
         with pytest.raises(IncompleteError, match=file):
-            attempts.complete()
+            attempts.complete(tmp_path)
     else:
-        attempts.complete()
+        attempts.complete(tmp_path)
 
 
 def test_one_filters_table_may_be_missing_and_the_others_is_there(car, monkeypatch, tmp_path):
@@ -141,7 +144,7 @@ def test_one_filters_table_may_be_missing_and_the_others_is_there(car, monkeypat
 
 
 def test_pictures_that_throw_are_missing_alone(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(results, "png", lambda figure: b"png")
+    monkeypatch.setattr(write, "png", lambda figure: b"png")
     assert sonar.written(tmp_path / "whole", plots=True).missing == {}
     every = {file for file in files(tmp_path / "whole") if file.endswith(".png")}
     assert every >= {f"plots/{name}.png" for name in ("errors", "nees", "nis", "ess", "distribution", "trajectory")}
@@ -152,13 +155,13 @@ def test_pictures_that_throw_are_missing_alone(sonar, monkeypatch, tmp_path):
             attempts = sonar.written(tmp_path / str(number), plots=True)
         kept = {file for file in files(tmp_path / str(number)) if file.endswith(".png")}
         assert kept | set(attempts.missing) == every
-        attempts.complete()
+        attempts.complete(tmp_path)
         thrown |= set(attempts.missing)
     assert thrown == every - {"plots/likelihood.png"}
 
 
 def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(results, "png", lambda figure: b"png")
+    monkeypatch.setattr(write, "png", lambda figure: b"png")
     monkeypatch.setattr(Sonar, "pictures", broken)
     monkeypatch.setattr(Sonar, "draw", broken)
     attempts = sonar.written(tmp_path, plots=True)
@@ -167,7 +170,7 @@ def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, mon
 
 
 def test_a_picture_that_cannot_be_rendered_is_missing_alone(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(results, "png", lambda figure: broken() if len(figure.axes) == 2 else b"png")
+    monkeypatch.setattr(write, "png", lambda figure: broken() if len(figure.axes) == 2 else b"png")
     assert set(sonar.written(tmp_path, plots=True).missing) == {"plots/distribution.png"}
 
 
@@ -178,13 +181,13 @@ def test_sums_that_throw_leave_the_estimates(monkeypatch, tmp_path):
     with pytest.raises(
         IncompleteError, match=r"statistics of pf.* is missing .RuntimeError: ZeroDivisionError in the stat"
     ):
-        attempts.complete()
+        attempts.complete(tmp_path)
     with np.load(tmp_path / "estimates.npz") as arrays:
         assert arrays["mean"].shape == (3, 8, 20)
 
 
-def test_warnings_made_errors_are_seen(tmp_path):
-    attempts = Attempts(rundir.RunDirectory(tmp_path))
+def test_warnings_made_errors_are_seen():
+    attempts = Attempts()
 
     def warn():
         raise RuntimeWarning("overflow")
@@ -193,12 +196,12 @@ def test_warnings_made_errors_are_seen(tmp_path):
         attempts.made("a mean", warn)
 
 
-def test_a_disk_that_fails_is_no_fault_of_one_table(tmp_path):
-    attempts = Attempts(rundir.RunDirectory(tmp_path))
+def test_a_disk_that_fails_is_no_fault_of_one_table():
+    attempts = Attempts()
 
     def full(stream):
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space"):
-        attempts.write("errors.csv", full)
+        attempts.put("errors.csv", lambda: full(None))
     assert attempts.made("a plugin's picture", lambda: full(None)) is None

@@ -64,8 +64,9 @@ class Made:
 
     def drawn(self, repeated: bool = False, title: str = "title", draw=lambda axes, name, place: None) -> dict:
         filters = list(self.tallies)
-        made = plots.pictures(self.tables, self.arrays, filters, self.space, title, self.runs, repeated, draw)
-        return {name: make() for name, make in made.items()}
+        data = plots.PlotData(self.tables, self.arrays, filters, self.space, title, self.runs, repeated, draw)
+        made = {name: make() for name, make in plots.pictures(data).items()}
+        return {name: figure for name, figure in made.items() if figure}
 
 
 def from_step(step: int, value: float):

@@ -1,0 +1,160 @@
+"""One experiment from settings to its result, in memory: it reads data files, and writes and prints nothing."""
+
+import importlib
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from estlab import rundir
+from estlab.config import expectations
+from estlab.config.build import Settings
+from estlab.config.expectations import Finding
+from estlab.experiment import parts
+from estlab.experiment.attempts import Attempts
+from estlab.experiment.blocks import block
+from estlab.experiment.monte_carlo import (
+    Ensemble,
+    Names,
+    check_answers,
+    estimated,
+    filters_of,
+    histories_of,
+    history_of,
+    record_of,
+    workers,
+)
+from estlab.experiment.plugin_errors import plugins_named
+from estlab.experiment.result import Result
+from estlab.experiment.statistics import bounds_of, findings_of, tables_of
+from estlab.report.findings import Findings
+
+log = logging.getLogger("estlab")
+
+Progress = Callable[[], AbstractContextManager[Callable[[int], Callable[[int], None]]]]
+
+
+def unseen() -> AbstractContextManager[Callable[[int], Callable[[int], None]]]:
+    """No progress bar."""
+    return nullcontext(lambda total: lambda steps: None)
+
+
+def unheard(**facts: Any) -> None:
+    """Nobody who wants to know the facts."""
+
+
+@plugins_named
+def compute(
+    settings: Settings, names: Names, describe: Callable[..., object] = unheard, progress: Progress = unseen
+) -> Result:
+    """Run all filters and make every table. What cannot be made is missing in the result.
+
+    describe: is given what run.json says, as soon as it is known. progress: a context that, given the number of all
+    steps, gives what counts those done.
+
+    Raises UserError for data that cannot be used, WorkerLostError if a process that shared the work ended.
+    """
+    facts: dict[str, Any] = {}
+
+    def note(**more: Any) -> None:
+        facts.update(more)
+        describe(**more)
+
+    ensemble = _ensemble(settings, names, note, progress)
+    note(seconds_per_run_and_step=ensemble.cost(len(settings.run_numbers)))
+    _log_outcome(ensemble, len(settings.run_numbers))
+    return result_of(settings, names, ensemble, facts)
+
+
+@plugins_named
+def compute_part(
+    settings: Settings, names: Names, describe: Callable[..., object] = unheard, progress: Progress = unseen
+) -> Ensemble:
+    """Run all filters over a part of the runs, which has no tables of its own; raises as :func:`compute`."""
+    return _ensemble(settings, names, describe, progress)
+
+
+def _ensemble(settings: Settings, names: Names, describe: Callable[..., object], progress: Progress) -> Ensemble:
+    """The runs through all filters."""
+    filters = filters_of(settings, names)
+    runs = settings.run_numbers
+    log.info("%s with %s, runs %d to %d, seed %d", names.scenario, ", ".join(filters), runs[0], runs[-1], settings.seed)
+    # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
+    # there is no room for it.
+    importlib.import_module("scipy.special")
+    with workers(settings, names) as pool:
+        first = record_of(settings, names, block(settings, 0))
+        check_answers(settings, names, first)
+        title = _title(names, filters, runs, first.time.size, settings.seed)
+        describe(title=title, data=rundir.hashes(first.files), steps=first.time.size)
+        if settings.parts:
+            ensemble = parts.put_together(settings, first, [Path(folder) for folder in settings.parts])
+        else:
+            with progress() as begin:
+                ensemble = estimated(settings, names, first, pool, begin)
+    describe(cores=pool.cores)
+    return ensemble
+
+
+def _title(names: Names, filters: Iterable[str], runs: range, steps: int, seed: int) -> str:
+    ensemble = f"run {runs[0]} alone" if runs[0] else f"{len(runs)} run{'s' * (len(runs) > 1)}"
+    size = f"{ensemble} × {steps} step{'s' * (steps > 1)}"
+    return " · ".join([names.scenario, ", ".join(filters), size, f"seed {seed}", *names.changes])
+
+
+def result_of(settings: Settings, names: Names, ensemble: Ensemble, facts: dict[str, Any]) -> Result:
+    """Every figure and table of an ensemble, each made by itself."""
+    attempts = Attempts(settings.plugins)
+    bounds = bounds_of(settings, names, ensemble, attempts)
+    findings = {name: findings_of(settings, name, ensemble, bounds[name], attempts) for name in ensemble.kept}
+    arrays = histories_of(ensemble, settings.run_numbers[0])
+    histories = {name: history_of(arrays, name, len(findings)) for name in findings}
+    own = attempts.made(f"{names.scenario}.csv", lambda: settings.scenario.table(histories)) or {}
+    by_filter = tables_of(ensemble, findings, bounds, attempts)
+    cost = facts["seconds_per_run_and_step"]
+    comparison = attempts.made(rundir.COMPARISON, lambda: ensemble.total.comparison.rows(cost)) or []
+    known = expectations.of_recording(settings.expect_files, [one["sha256"] for one in facts["data"]])
+    return Result(
+        settings,
+        names,
+        facts,
+        arrays,
+        by_filter,
+        findings,
+        comparison,
+        own,
+        expected=_held_to(expectations.over(known, settings.expect), findings, own, attempts),
+        repeated=ensemble.record.repeated,
+        remarks=[*ensemble.record.remarks, *_left_out(names, bool(known))],
+        attempts=attempts,
+    )
+
+
+def _left_out(names: Names, others: bool) -> list[str]:
+    """A remark where an experiment's expectations are not held. others: whether there are any of these data."""
+    instead = "those of this recording hold" if others else "none are known of this recording"
+    return [f"the experiment's expectations are of its simulation and were left out; {instead}"] * names.set_aside
+
+
+def _held_to(
+    expect: Any, findings: Mapping[str, Findings], own: Mapping[str, list[Any]], attempts: Attempts
+) -> list[Finding]:
+    """What was expected against the rows of metrics.csv and the own table."""
+    rows = {name: [row._asdict() for row in one.rows] for name, one in findings.items()}
+    parsed = expectations.parse(expect, list(rows))
+    found = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, own), needed=True) or []
+    if found:
+        log.info(expectations.unmet(found) or "all expectations met")
+    return found
+
+
+def _log_outcome(ensemble: Ensemble, runs: int) -> None:
+    for remark in ensemble.record.remarks:
+        log.warning(remark)
+    for name, tally in {} if ensemble.failure else ensemble.total.tallies.items():
+        log.info("%s: %d of %d runs diverged", name, sum(tally.diverged.values()), runs)
+        for cause, first in tally.diverged_first.items():
+            if first:
+                more = " and more" if tally.diverged[cause] > len(first) else ""
+                log.warning("%s %s in runs: %s%s", name, cause.replace("_", " "), " ".join(map(str, first)), more)

@@ -1,0 +1,41 @@
+"""Simulated data in a problem's original file layout."""
+
+import contextlib
+import tempfile
+from pathlib import Path
+
+from estlab.config.build import Settings
+from estlab.errors import UserError
+from estlab.experiment.monte_carlo import Names, record_of
+from estlab.experiment.plugin_errors import plugins_named
+
+
+@plugins_named
+def simulate(settings: Settings, names: Names) -> list[Path]:
+    """Write the simulated data of run 0 in the scenario's original file layout to data.path; the files written."""
+    if settings.data.source != "simulated":
+        raise UserError("estlab simulate makes data, so it takes data=simulated; data.path says where to write it")
+    if settings.dropped:
+        raise UserError(f"dropped={settings.dropped:g} is of a run: the files hold every reading; leave it out")
+    if not settings.data.path:
+        raise UserError(f"data.path must be given: the folder to write to, for example data.path=data/{names.scenario}")
+    folder = Path(settings.data.path)
+    record = record_of(settings, names, range(1))
+    ours = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # All files beside their places first: a full disk or a file that is there already leaves nothing half done.
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".simulated-") as aside:
+            written = settings.scenario.write(record, Path(aside), settings.data.prefix)
+            taken = [path.name for path in written if (folder / path.name).exists()]
+            if taken:
+                raise UserError(
+                    f"{folder / taken[0]}: is there already; remove it, or choose another data.path or data.prefix"
+                )
+            return [path.rename(folder / path.name) for path in written]
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another data.path") from error
+    finally:
+        if ours:
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # nothing came of it: else it is not empty, and stays
