@@ -1,1 +1,3 @@
-"""What a user's problem and filter answer, held to the contracts once, before any work: every slip is one line."""
+"""Checks what a user's problem and filter return against their contracts, once, before any work. Every fault is one
+line.
+"""

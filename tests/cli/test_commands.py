@@ -174,7 +174,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "experiment=smoke"], "write +experiment=smoke"),
         (["run", "--runs=1"], "there is no flag --runs=1; write runs=1 without dashes"),
         (["run", "output="], "output must be a folder"),
-        (["run", "plugins=[no_such_package]"], "there is no package 'no_such_package'"),
+        (["run", "plugins=[no_such_package]"], "Python finds no package 'no_such_package'"),
         (["run", "filter.alpha=${undefined}"], "Interpolation key 'undefined' not found"),
         (["run", "scenario.duration=0.01"], "scenario.duration must be from one to ten million steps"),
         (["run", "filter=pf", "filter.particles=1e9"], "filter.particles must be from 2 to 2e7"),

@@ -163,7 +163,7 @@ FAULTS = {
     "nan": (lambda: replace_line("Groundtruth.dat", 12, "1.0 nan 0 0"), "made/Groundtruth.dat:12: x is nan"),
     "unsorted": (
         lambda: reverse("Odometry.dat"),
-        "made/Odometry.dat:2: time 59.900 goes back; 600 of 601 rows have such times and would be left out; sort by time",
+        "made/Odometry.dat:2: time 59.900 goes back; 600 of 601 rows have such times and would be left out; sort",
     ),
     "readings unsorted": (lambda: reverse("Measurement.dat"), "made/Measurement.dat"),
     "repeated": (lambda: repeat("Groundtruth.dat"), "made/Groundtruth.dat:6: time 0.000 repeats the one before"),
@@ -361,7 +361,7 @@ MAT_FAULTS = {
     "times": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.0])),
         None,
-        "problem3data.mat: element 2: time 0.000 goes back; 1 of 2 rows have such times and would be left out; sort by time",
+        "problem3data.mat: element 2: time 0.000 goes back; 1 of 2 rows have such times and would be left out; sort",
     ),
     "time of two": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, [0.2, 0.3]])),

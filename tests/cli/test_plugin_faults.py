@@ -74,7 +74,7 @@ def test_a_run_that_a_plugin_breaks_names_the_plugin(pendulum, capsys, right, wr
          "pendulum.Pendulum.__post_init__, line {}, raised AttributeError: "),
         ("        variance =", "        variance = 1 / 0\n        variance =",
          "pendulum.Pendulum.motion, line {}, raised ZeroDivisionError: division by zero"),
-        ("    def motion(", "    def notion(", "scenario: pendulum.Pendulum has no motion, which it must define"),
+        ("    def motion(", "    def notion(", "scenario: pendulum.Pendulum has no motion; define it"),
     ],
 )  # fmt: skip
 def test_a_plugin_that_breaks_before_a_run_is_named_and_leaves_no_directory(

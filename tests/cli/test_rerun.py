@@ -57,7 +57,7 @@ def test_what_an_engine_of_before_found_is_found_again(capsys):
         ("cores=\u0663", "write a whole number from 1"),
         ("cores=" + "9" * 100, "write a whole number from 1"),
         ("output=", "output=: output takes a value"),
-        ("plugins=[no_such_package]", "estlab: plugins: there is no package 'no_such_package'"),
+        ("plugins=[no_such_package]", "estlab: plugins: Python finds no package 'no_such_package'"),
     ],
 )
 def test_what_is_typed_wrongly_is_not_said_of_the_runs_files(word, said, capsys):

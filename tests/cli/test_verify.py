@@ -110,7 +110,7 @@ def test_what_is_typed_replaces_what_the_file_has(typed, mine):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        (["expect.rmse.x=[2,1]"], "expect.rmse.x must have its low bound first, got [2, 1]"),
+        (["expect.rmse.x=[2,1]"], "expect.rmse.x: write the lower bound first, got [2, 1]"),
         (["expect.rmse.x.efk=1"], "there is no filter x or efk here; did you mean ekf? (one of ekf)"),
         (["expect=5"], "expect must be a group, as in expect.rmse.x=[0.1,0.2], or null for none; got 5"),
         (["expct.rmse.x=1"], "unknown key expct; did you mean expect?"),

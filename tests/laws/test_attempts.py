@@ -63,12 +63,12 @@ def broken(*_args, **_keys):
 
 FIGURES = [
     (tabulated, "_all_components", {"shares inside of pf"}, False),
-    (tabulated, "_judged", {"what is judged of pf"}, False),
+    (tabulated, "_judged", {"judged figures of pf"}, False),
     (tabulated, "_credibility", {"credibility of pf"}, False),
     (tabulated, "_innovations", {"likelihood of pf"}, False),
     (tabulated, "_efficiency", {"efficiency of pf"}, False),
     (tabulated, "_found", {"found of pf"}, False),
-    (tabulated, "_noted", {"what the filter noted of pf"}, False),
+    (tabulated, "_noted", {"the filter's notes of pf"}, False),
     (tabulated, "_diverged", {"diverged runs of pf"}, False),
     (tabulated, "_errors", {"errors of pf"}, True),
     (statistics, "consistency_tests", {"tests of pf"}, False),
