@@ -7,7 +7,11 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 
-class UserError(Exception):
+class EstlabError(Exception):
+    """What estlab raises where it says what is wrong. The message is one line."""
+
+
+class UserError(EstlabError):
     """A mistake that the user can mend. The message is one line: what is wrong, where, and the remedy."""
 
 
@@ -15,15 +19,15 @@ class AnswerError(UserError):
     """A user's model, record or filter that does not answer as its contract says."""
 
 
-class WorkerLostError(Exception):
+class WorkerLostError(EstlabError):
     """A process that shared the work ended before it was done. The message is one line, with the remedy."""
 
 
-class IncompleteError(Exception):
+class IncompleteError(EstlabError):
     """Something that a run needs could not be computed. The message is one line, and says what is kept."""
 
 
-class PluginError(Exception):
+class PluginError(EstlabError):
     """An exception of the user's own code. The message is one line: where it was raised, and what it says."""
 
 

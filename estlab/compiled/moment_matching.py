@@ -136,27 +136,27 @@ def deviations(
     return middle, rises
 
 
-def linearised(value: Row, jacobians: Matrix, cov: Matrix) -> Moments:
-    """Linearised at the mean, with the Jacobian A: A P A' and P A'."""
-    carried, spread = sandwich(jacobians, cov)
-    return Moments(value, spread, transpose(carried, len(cov)))
+def linearised(value: Row, jacobian: Matrix, cov: Matrix) -> Moments:
+    """Linearised at the mean, with the Jacobian F: F P F' and P F'."""
+    jacobian_cov, spread = sandwich(jacobian, cov)
+    return Moments(value, spread, transpose(jacobian_cov, len(cov)))
 
 
 def second_order(moments: Moments, hessians: list[Matrix], cov: Matrix, gaussian: bool) -> Moments:
     """The same with second derivatives; see estlab.maths.transforms.SecondOrder."""
     n = len(cov)
-    turned = [matmul(matrix, cov) for matrix in hessians]
+    products = [matmul(matrix, cov) for matrix in hessians]  # H_i P
     mean = [
         plus(value, times(0.5, total(part[i][i] for i in range(n))))
-        for value, part in zip(moments.mean, turned, strict=True)
+        for value, part in zip(moments.mean, products, strict=True)
     ]
     if not gaussian:
         return moments._replace(mean=mean)
 
     def twice(i: int, j: int) -> Any:
-        return times(0.5, total(inner(turned[i][a], [row[a] for row in turned[j]]) for a in range(n)))
+        return times(0.5, total(inner(products[i][a], [row[a] for row in products[j]]) for a in range(n)))
 
-    return Moments(mean, added(moments.cov, symmetric(len(turned), twice)), moments.cross)
+    return Moments(mean, added(moments.cov, symmetric(len(products), twice)), moments.cross)
 
 
 def factored(cov: Matrix, failed: Pivots) -> Matrix:

@@ -79,10 +79,10 @@ def again(steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: Found, 
     """The update once more, the sensor linearised where the last one led."""
     sensor, tracer = steps.sensor, routine.tracer
     offset = wrapped(sensor.state, [minus(mean[i], found.mean[i]) for i in range(steps.n)])
-    jacobians = sensor.jacobian(tracer, found.mean, reading.landmarks)
+    jacobian = sensor.jacobian(tracer, found.mean, reading.landmarks)
     value = sensor.value(tracer, found.mean, reading.landmarks)
-    moved = [plus(value[a], inner(jacobians[a], offset)) for a in range(len(value))]
-    moments = linearised(moved, jacobians, cov)
+    moved = [plus(value[a], inner(jacobian[a], offset)) for a in range(len(value))]
+    moments = linearised(moved, jacobian, cov)
     moments = moments._replace(cov=added(moments.cov, steps.reading_noise(tracer, factor=False)))
     return condition(steps, routine, mean, cov, moments, reading, gate=False)
 

@@ -99,6 +99,16 @@ def sweep_settings(config: Node) -> SweepSettings:
     return typing.cast(SweepSettings, _Builder({"sweep": config}, ()).construct(SweepSettings, config, "sweep"))
 
 
+def filter_of(node: Node) -> Filter:
+    """The filter that its settings alone describe, of estlab's own.
+
+    Raises UserError like :func:`build`.
+    """
+    allowed = ("estlab",)
+    check_targets(node, "filter", allowed)
+    return typing.cast(Filter, _Builder({"filter": node}, allowed).convert(node, Filter, "filter"))
+
+
 def _plugins(names: Any) -> list[str]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise UserError(f"plugins must be a list of packages, for example plugins=[mine], got {names!r}")

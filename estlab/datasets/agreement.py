@@ -66,11 +66,11 @@ def of_lengths(commanded: Array, x: Array, y: Array, heading: Array, what: str) 
     """
     forward = np.diff(x) * np.cos(heading[:-1]) + np.diff(y) * np.sin(heading[:-1])
     known = np.isfinite(forward) & np.isfinite(commanded)
-    went, said = forward[known], commanded[known]
+    went, ordered = forward[known], commanded[known]
     scale = float(np.abs(went).max(initial=0.0))
     if known.sum() < _LEAST or not 0.0 < scale < np.inf:
         return ()
-    slope = float((went / scale * said).sum() / ((went / scale) ** 2).sum() / scale)
+    slope = float((went / scale * ordered).sum() / ((went / scale) ** 2).sum() / scale)
     if 1.0 / _APART <= slope <= _APART:
         return ()
     return (f"{what}: commanded distances are {slope:.2g} times those of the truth; do units and clocks agree?",)
@@ -85,12 +85,12 @@ def of_turns(time: Array, rate: Array, heading: Array, what: str) -> tuple[str, 
     commanded = np.append(0.0, np.cumsum(rate[:-1] * np.diff(time)))
     marks = first_of_each(time - time[0], _WINDOW)
     near = np.diff(time[marks]) < 2.0 * _WINDOW
-    said, turned = np.diff(commanded[marks])[near], wrap(np.diff(heading[marks]))[near]
+    ordered, turned = np.diff(commanded[marks])[near], wrap(np.diff(heading[marks]))[near]
     known = np.isfinite(turned)
-    said, turned = said[known], turned[known]
-    if known.sum() < _LEAST or not (said.std() > 0.0 and turned.std() > 0.0):
+    ordered, turned = ordered[known], turned[known]
+    if known.sum() < _LEAST or not (ordered.std() > 0.0 and turned.std() > 0.0):
         return ()
-    check_turns("the turn rate", said, turned, what)
-    if float(np.corrcoef(said, turned)[0, 1]) >= _UNRELATED:
+    check_turns("the turn rate", ordered, turned, what)
+    if float(np.corrcoef(ordered, turned)[0, 1]) >= _UNRELATED:
         return ()
     return (f"{what}: commanded turns are nearly unrelated to those of the truth; do the clocks agree?",)

@@ -30,11 +30,11 @@ def kept(count: int, time: Array | None, otherwise: Array, place: Callable[[int]
     """The frames in the order of their times; without times, all frames at default times."""
     if time is None:
         return Kept(np.arange(count), otherwise, False, ())
-    frames, said = in_order(time, place, share)
+    frames, time_notes = in_order(time, place, share)
     step, usual = (float(np.median(np.diff(t))) if t.size > 1 else np.nan for t in (time[frames], otherwise))
     if max(step / usual, usual / step) > _OTHER_RATE:
-        said += (f"{place(0)}: times are {step:.3g} s apart, scenario.dt is {usual:g}; are they in seconds?",)
-    return Kept(frames, time[frames], True, (*said, *long_steps(time[frames])))
+        time_notes += (f"{place(0)}: times are {step:.3g} s apart, scenario.dt is {usual:g}; are they in seconds?",)
+    return Kept(frames, time[frames], True, (*time_notes, *long_steps(time[frames])))
 
 
 def truth_of(

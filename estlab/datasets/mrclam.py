@@ -161,8 +161,8 @@ def _ordered(
     for kind, path in paths.items():
         if kind not in _COMMON:
             time = tables[kind][:, 0]
-            rows[kind], said = in_order(time, partial(place, path), share, repeats=kind == "measurement")
-            notes += said
+            rows[kind], time_notes = in_order(time, partial(place, path), share, repeats=kind == "measurement")
+            notes += time_notes
             if rows[kind].size < 2 and kind != "measurement":
                 raise UserError(f"{path}: only one row; at least two are needed to interpolate")
     return rows, notes

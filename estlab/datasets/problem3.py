@@ -70,8 +70,8 @@ def read(files: Files, dt: float, options: Options) -> Recording:
     else:
         states, time = matlab.load(truth_path).vectors(None, "x", _STATE)
         check_headings(states[_HEADING], states[0], states[1], lambda i: f"{truth_path}: element {i + 1}")
-        truth, said = frames.truth_of(path, kept, truth_path, states, time, (_HEADING,), options.clock_faults)
-        remarks += said
+        truth, time_notes = frames.truth_of(path, kept, truth_path, states, time, (_HEADING,), options.clock_faults)
+        remarks += time_notes
     read = (path, truth_path) if truth_path else (path,)
     return Recording(points[:2, there], owner[there], kept.time, truth, read, remarks)
 

@@ -85,8 +85,10 @@ def read(files: Files, dt: float, options: Options) -> Recording:
     else:
         poses, truth_time = truth_file
         check_headings(poses[_HEADING], poses[0], poses[1], lambda i: f"{truth_path}: element {i + 1}")
-        truth, said = frames.truth_of(path, kept, truth_path, poses, truth_time, (_HEADING,), options.clock_faults)
-        remarks += said
+        truth, time_notes = frames.truth_of(
+            path, kept, truth_path, poses, truth_time, (_HEADING,), options.clock_faults
+        )
+        remarks += time_notes
         remarks += agreement.of_lengths(encoder[0, 1:], truth[0], truth[1], np.roll(truth[_HEADING], -1), str(path))
         check_turns("dth", encoder[1, 1:], np.diff(truth[_HEADING]), f"{path}: encoder(i).u")
     read = (path, truth_path) if truth_path else (path,)

@@ -15,7 +15,7 @@ def jacobian(function: Callable[[Array], Array], at: Array, space: Space) -> Arr
     """Central-difference Jacobian (m, n, *batch) of a function (n, p, *batch) -> (m, p, *batch) at a point (n, *batch).
 
     All 2 n points go through the function in one call, and differences are taken in the function's own
-    ``space``, so that a bearing on the other side of the cut does not make a slope of 2 pi / h.
+    ``space``, so that a bearing on the other side of the cut does not make a derivative of 2 pi / h.
     """
     n = at.shape[0]
     step = RELATIVE_STEP * np.maximum(1.0, np.abs(at))

@@ -78,12 +78,12 @@ class Linearised:
 
     def about(self, function: Function, belief: Gaussian, at: Array, offset: Array | None) -> Moments:
         """Expansion about a point (n, *batch), from which the mean lies at this offset (n, *batch), or not at all."""
-        rows, batch = function.jacobian_rows(at), at.shape[1:]
-        carried, cov = through(rows, belief.cov, batch)
+        jacobian, batch = function.jacobian_rows(at), at.shape[1:]
+        jacobian_cov, cov = through(jacobian, belief.cov, batch)  # F P, F P F'
         mean = function.evaluate(at)
         if offset is not None:
-            mean = mean + matvec(matrix(rows, batch), offset)
-        return Moments(mean, cov, transpose(np.array(carried)))
+            mean = mean + matvec(matrix(jacobian, batch), offset)
+        return Moments(mean, cov, transpose(np.array(jacobian_cov)))
 
 
 @dataclass(frozen=True)
@@ -103,12 +103,11 @@ class SecondOrder:
     def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
         mean, cov, cross = Linearised()(function, belief)
         m, n = mean.shape[0], belief.mean.shape[0]
-        bent = np.stack([matmul(part, belief.cov) for part in function.hessians(belief.mean)])
-        bias = 0.5 * summed(np.stack([bent[:, i, i] for i in range(n)], axis=1), 1)
+        products = np.stack([matmul(part, belief.cov) for part in function.hessians(belief.mean)])  # H_i P
+        bias = 0.5 * summed(np.stack([products[:, i, i] for i in range(n)], axis=1), 1)
         if self.form == "gaussian":
-            flat, across = (
-                bent.reshape(m, n * n, *mean.shape[1:]),
-                bent.swapaxes(1, 2).reshape(m, n * n, *mean.shape[1:]),
-            )
-            cov = cov + 0.5 * symmetric(gram(flat, across))
+            # tr(H_i P H_j P) is the sum of the entries of H_i P times those of (H_j P)'.
+            flat = products.reshape(m, n * n, *mean.shape[1:])
+            transposed = products.swapaxes(1, 2).reshape(m, n * n, *mean.shape[1:])
+            cov = cov + 0.5 * symmetric(gram(flat, transposed))
         return Moments(mean + bias, cov, cross)

@@ -65,12 +65,12 @@ class Test(NamedTuple):
 
 @dataclass(frozen=True)
 class _Asked:
-    """A test before its level is known. shown: at a level, the name and the value to show."""
+    """A test before its level is known. at_level: the name and the value at a level."""
 
     name: str
     expected: float
     p: float
-    shown: Callable[[float], tuple[str, Estimate]]
+    at_level: Callable[[float], tuple[str, Estimate]]
     why: str = ""
 
 
@@ -84,7 +84,7 @@ def consistency_tests(tally: Tally) -> list[Test]:
 
 def _answered(asked: _Asked, adjusted: float, level: float) -> Test:
     answer = np.isfinite(level)
-    of, found = asked.shown(float(level) if answer else LEVEL)
+    of, found = asked.at_level(float(level) if answer else LEVEL)
     if not answer:
         why = asked.why or "nothing varies"
         return Test(asked.name, of, found._replace(low=np.nan, high=np.nan), asked.expected, np.nan, why=why)
@@ -125,13 +125,13 @@ def _nis(tally: Tally) -> _Asked:
     freedom = float(tally.sums["measured"].sum()) / (runs if tally.repeated else 1)
     value = float(tally.sums["nis"].sum() / tally.sums["nis_mean"].sum())
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         # The interval of a scale: where the total would lie in the band of a filter whose NIS is larger by that
         # factor.
         lower, upper = (float(bound) for bound in chi_square_band(np.array(freedom), level))
         return of, Estimate(value, value / upper, value / lower, 1 if tally.repeated else runs)
 
-    return _Asked(NIS, 1.0, chi_square_test(value * freedom, freedom), shown)
+    return _Asked(NIS, 1.0, chi_square_test(value * freedom, freedom), at_level)
 
 
 def _bias(tally: Tally) -> _Asked:
@@ -172,11 +172,11 @@ def _whiteness(tally: Tally) -> _Asked:
     worst = int(np.argmax(away))
     p = min(1.0, float(_SINGLE_LAGS * 2.0 * ndtr(-away[worst])))
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         half = float(deviation[worst] * ndtri(1.0 - level / (2.0 * _SINGLE_LAGS)))
         return f"lag {worst + 1}", Estimate(float(each[worst]), float(each[worst]) - half, float(each[worst]) + half, 1)
 
-    return _Asked(WHITENESS, 0.0, p, shown)
+    return _Asked(WHITENESS, 0.0, p, at_level)
 
 
 def single_correlations(whitened: Array, lags: int) -> tuple[Array, Array]:
@@ -208,10 +208,10 @@ def _inside(tally: Tally) -> list[_Asked]:
     p_values = [time_share_test(parts[i], LEAST_INSIDE) for i in below]
     worst, among = below[int(np.argmin(p_values))], len(parts)
 
-    def shown(level: float) -> tuple[str, Estimate]:
+    def at_level(level: float) -> tuple[str, Estimate]:
         return tally.space.names[worst], time_share_interval(parts[worst], level / among)
 
-    return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), shown)]
+    return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), at_level)]
 
 
 def _any_off_zero(moments: Moments) -> float:

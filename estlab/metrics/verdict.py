@@ -250,8 +250,8 @@ def _would_show(runs: str, of: str, reach: float) -> str:
 def _undecided(tally: Tally, by: dict[str, Test]) -> str:
     """Why no test has an answer, each reason once, and what more runs would show."""
     whys = dict.fromkeys(by[name].why for name in (NEES, NIS))
-    said = [f"a test of NEES {why}" if why.startswith("needs") else why for why in whys]
-    return f"{' and '.join(said)}{_could_be_seen(tally, by[NEES])}"
+    reasons = [f"a test of NEES {why}" if why.startswith("needs") else why for why in whys]
+    return f"{' and '.join(reasons)}{_could_be_seen(tally, by[NEES])}"
 
 
 def _lost(tally: Tally, diverged: int) -> str:

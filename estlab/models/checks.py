@@ -161,8 +161,8 @@ class _Start:
         self.near = self.points[..., 0].T
 
     def __str__(self) -> str:
-        shown = [f"{name}={value:.6g}" for name, value in zip(self.space.names, self.mean[:, 0], strict=True)][:8]
-        return ", ".join([*shown, "..."] if self.space.size > 8 else shown)
+        entries = [f"{name}={value:.6g}" for name, value in zip(self.space.names, self.mean[:, 0], strict=True)][:8]
+        return ", ".join([*entries, "..."] if self.space.size > 8 else entries)
 
 
 def _try_noise(where: str, motion: Motion, control: Array, dt: float) -> None:

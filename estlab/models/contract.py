@@ -6,7 +6,7 @@ points, runs, both or nothing.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -139,7 +139,7 @@ class Sensor:
     state: Space
     measure: Callable[[Array, Array], Components]
     noise_cov: Array
-    landmarks: Array
+    landmarks: Array = field(default_factory=lambda: np.empty((0, 1)))
     jacobian: Callable[[Array, Array], Rows] | None = None
     hessians: Callable[[Array, Array], tuple[Rows, ...]] | None = None
 

@@ -121,8 +121,12 @@ def unfinished(found: Mapping[str, Any]) -> str:
     return f"{state}: {found.get('error') or 'no reason given'}"
 
 
-def table(folder: Path, name: str, words: Sequence[str], numbers: Sequence[str] | None = None) -> "DataFrame":
+def table(
+    folder: Path, name: str, words: Sequence[str], numbers: Sequence[str] | None = None, all_of_them: bool = True
+) -> "DataFrame":
     """A table's columns of words and of numbers; numbers None: all the others.
+
+    all_of_them: whether a table that lacks one of the words is refused; an earlier estlab may have written it.
 
     Raises UserError, naming the file, for one that is not such a table.
     """
@@ -132,6 +136,7 @@ def table(folder: Path, name: str, words: Sequence[str], numbers: Sequence[str] 
     file = folder / name
     try:
         heads = list(pd.read_csv(io.BytesIO(text), nrows=0).columns)
+        words = words if all_of_them else [column for column in words if column in heads]
         lacking = [column for column in (*words, *(numbers or ())) if column not in heads]
         if lacking:
             raise UserError(f"{file}: has no column {lacking[0]}")

@@ -155,9 +155,9 @@ class Car(Scenario):
         nearest = distance * np.cos(middle), distance * np.sin(middle)
         axes.plot(*nearest, ".", color="0.6", ms=3, label="smallest range, middle bearing")
         axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
-        shown = np.arange(0, history.time.size, max(1, history.time.size // 14))
-        _draw_rectangles(axes, history.truth[:, shown], "black")
-        _draw_rectangles(axes, history.mean[:, shown], "C0")
+        chosen = np.arange(0, history.time.size, max(1, history.time.size // 14))
+        _draw_rectangles(axes, history.truth[:, chosen], "black")
+        _draw_rectangles(axes, history.mean[:, chosen], "C0")
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         """The passing seen close: rectangles every half second within 30 m of the LIDAR."""
@@ -239,10 +239,10 @@ class Car(Scenario):
             return Gaussian(np.repeat(np.array(self.initial_mean, dtype=float)[:, None], len(runs), axis=1), cov)
         # No car is of negative size: of several draws of the initial error, each run takes the first that leaves
         # length and width at the smallest or more.
-        draws = streams.normals("prior", runs, (6, 40))
-        candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), draws)
-        fits = (candidates[LENGTH:] >= self.smallest).all(axis=0)
-        mean = np.take_along_axis(candidates, fits.argmax(axis=0)[None, None], axis=1)[:, 0]
+        errors = streams.normals("prior", runs, (6, 40))
+        candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), errors)
+        valid = (candidates[LENGTH:] >= self.smallest).all(axis=0)
+        mean = np.take_along_axis(candidates, valid.argmax(axis=0)[None, None], axis=1)[:, 0]
         mean[LENGTH:] = np.maximum(mean[LENGTH:], self.smallest)
         return Gaussian(mean, cov)
 

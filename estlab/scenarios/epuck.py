@@ -116,12 +116,12 @@ class Epuck(Scenario):
     ) -> Record:
         recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        shown = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        beside = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
         record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
         return replace(
             record,
             files=recording.files,
-            remarks=(f"the files hold no truth: nothing is scored{shown}", *recording.remarks),
+            remarks=(f"the files hold no truth: nothing is scored{beside}", *recording.remarks),
             repeated=True,
         )
 

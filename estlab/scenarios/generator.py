@@ -87,7 +87,7 @@ class Generator(Scenario):
         """Mean and covariance of the first run's samples, as their number grows by decades, beside what they should be;
         and how far they are from b and P, root mean squares over the runs, beside what is expected.
         """
-        shown = next(iter(histories.values())).extra
+        extra = next(iter(histories.values())).extra
         entries = list(zip(*np.triu_indices(len(self.mean)), strict=True))
         names = [*(f"mean {name}" for name in self.space.names), *(f"P{i + 1}{j + 1}" for i, j in entries)]
         names += ["|m - b|", "|m - b| expected", "|S - P|", "|S - P| expected"]
@@ -95,9 +95,9 @@ class Generator(Scenario):
         def column(mean: Array, cov: Array, off: Array) -> list[float]:
             return [float(f"{number:.4g}") for number in (*mean, *(cov[entry] for entry in entries), *off)]
 
-        off = np.stack([*self._off(shown), *self.expected()])[[0, 2, 1, 3]]
+        off = np.stack([*self._off(extra), *self.expected()])[[0, 2, 1, 3]]
         columns = {
-            str(size): column(shown["mean"][:, k], shown["cov"][:, :, k], off[:, k])
+            str(size): column(extra["mean"][:, k], extra["cov"][:, :, k], off[:, k])
             for k, size in enumerate(self.sizes)
             if np.log10(size).is_integer() or k + 1 == self.sizes.size
         }
@@ -106,12 +106,12 @@ class Generator(Scenario):
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         from matplotlib.figure import Figure
 
-        shown = next(iter(histories.values())).extra
-        runs = int(shown["count"])
+        extra = next(iter(histories.values())).extra
+        runs = int(extra["count"])
         figure = Figure(figsize=(9.0, 5.4), layout="constrained")
         axes = figure.add_subplot()
         kinds = (("mean", "C0", "o"), ("covariance", "C3", "s"))
-        for (what, colour, marker), found, expected in zip(kinds, self._off(shown), self.expected(), strict=True):
+        for (what, colour, marker), found, expected in zip(kinds, self._off(extra), self.expected(), strict=True):
             axes.loglog(self.sizes, expected, color=colour, lw=1.2, label=f"{what}, expected")
             axes.loglog(self.sizes, found, marker, color=colour, ms=6, mfc="white", label=f"{what}, RMS of {runs} runs")
         axes.set_xlabel("samples n")
@@ -130,9 +130,9 @@ class Generator(Scenario):
         cov = np.array(self.cov)
         return np.sqrt(np.trace(cov) / self.sizes), np.sqrt((np.trace(cov) ** 2 + (cov**2).sum()) / (self.sizes - 1))
 
-    def _off(self, shown: dict[str, Array]) -> tuple[Array, Array]:
+    def _off(self, extra: dict[str, Array]) -> tuple[Array, Array]:
         """Root mean squares over the runs of the distances of mean and covariance, at each of the sizes."""
-        return np.sqrt(shown["mean_error2"] / shown["count"]), np.sqrt(shown["cov_error2"] / shown["count"])
+        return np.sqrt(extra["mean_error2"] / extra["count"]), np.sqrt(extra["cov_error2"] / extra["count"])
 
     def _errors(self, generators: Generators, runs: int) -> tuple[Array, Array]:
         """Errors of the sample mean (n, sizes, runs) and of the sample covariance (n, n, sizes, runs)."""

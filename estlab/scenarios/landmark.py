@@ -138,8 +138,8 @@ class Landmark(Scenario):
         truth, control = self._tour(streams, runs, begin, steps, self.motion(noise))
         readings = self._readings(streams, runs, truth, self.sensor(noise, _LANDMARKS))
         prior = self._prior(streams, runs, begin)
-        shown = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
-        return Record(0.0, time, truth, control, readings, prior, landmarks=_LANDMARKS, extra=shown, origin=begin)
+        extra = {"commands": control[:, :, 0]} if self.drive == "commands" else {}
+        return Record(0.0, time, truth, control, readings, prior, landmarks=_LANDMARKS, extra=extra, origin=begin)
 
     def read(
         self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int], options: Options = DEFAULTS

@@ -79,8 +79,8 @@ class Radar(Scenario):
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
         rows = {name: Gaussian(h.mean[:, -1], h.cov[:, :, -1]) for name, h in histories.items()}
-        shown = next(iter(histories.values())).extra
-        rows |= {"exact": self.exact, "samples": _sample_moments(shown, self.exact.mean)}
+        extra = next(iter(histories.values())).extra
+        rows |= {"exact": self.exact, "samples": _sample_moments(extra, self.exact.mean)}
         return {
             "transform": list(rows),
             "mean x [m]": [float(row.mean[0]) for row in rows.values()],
@@ -93,12 +93,12 @@ class Radar(Scenario):
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         from matplotlib.figure import Figure
 
-        shown = next(iter(histories.values())).extra
+        extra = next(iter(histories.values())).extra
         beliefs = {name: Gaussian(h.mean[:, -1], h.cov[:, :, -1]) for name, h in histories.items()}
         figure = Figure(figsize=(10.0, 7.6), layout="constrained")
         whole, near = figure.subplots(1, 2)
-        of = f"{shown['samples'].shape[1]} of {int(shown['count'])} samples"
-        whole.plot(*shown["samples"], ".", color="0.75", ms=2, zorder=0, label=of)
+        of = f"{extra['samples'].shape[1]} of {int(extra['count'])} samples"
+        whole.plot(*extra["samples"], ".", color="0.75", ms=2, zorder=0, label=of)
         for axes, size in ((whole, 4.0), (near, 8.0)):
             _draw_beliefs(axes, {"exact": self.exact} | beliefs, size)
             axes.set_xlabel("x [m]")
@@ -117,11 +117,11 @@ class Radar(Scenario):
         return {"transform.png": figure}
 
 
-def _sample_moments(shown: dict[str, Array], about: Array) -> Gaussian:
+def _sample_moments(extra: dict[str, Array], about: Array) -> Gaussian:
     """Mean and unbiased covariance from sums taken about a point; no covariance of a single sample."""
-    count, shift = int(shown["count"]), shown["first"] / shown["count"]
+    count, shift = int(extra["count"]), extra["first"] / extra["count"]
     free = count - 1 if count > 1 else np.nan
-    return Gaussian(about + shift, (shown["second"] - count * np.outer(shift, shift)) / free)
+    return Gaussian(about + shift, (extra["second"] - count * np.outer(shift, shift)) / free)
 
 
 def _draw_beliefs(axes: "Axes", beliefs: dict[str, Gaussian], size: float) -> None:

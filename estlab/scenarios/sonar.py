@@ -160,11 +160,11 @@ class Sonar(Scenario):
         sds = np.asarray(self.measurement_sd)[:, None, None]
         figure = Figure(figsize=(9.0, 3.9), layout="constrained")
         panels = figure.subplots(1, 3, sharex=True, sharey=True)
-        shown = np.unique(np.linspace(0, history.step.size - 1, len(panels)).astype(int))
-        for axes, k in zip(panels, shown, strict=False):
-            fit = np.exp(-0.5 * (((history.values[:, k, None, None] - expected) / sds) ** 2).sum(axis=0))
+        chosen = np.unique(np.linspace(0, history.step.size - 1, len(panels)).astype(int))
+        for axes, k in zip(panels, chosen, strict=False):
+            likelihood = np.exp(-0.5 * (((history.values[:, k, None, None] - expected) / sds) ** 2).sum(axis=0))
             step = history.step[k]
-            axes.pcolormesh(x, y, fit, cmap="Greys", vmin=0.0, shading="nearest", rasterized=True)
+            axes.pcolormesh(x, y, likelihood, cmap="Greys", vmin=0.0, shading="nearest", rasterized=True)
             axes.plot(*history.landmarks, "k^", ms=6, mfc="white", label="beacons")
             axes.plot(*history.truth[:2, step], "o", color="C3", ms=7, mfc="none", mew=2, label="robot")
             for i, (name, one) in enumerate(histories.items()):

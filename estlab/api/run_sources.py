@@ -1,0 +1,135 @@
+"""Where a Run has its tables and arrays from: a directory, or the memory of this process."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from estlab import rundir
+from estlab.api import tables
+from estlab.config.build import Settings, build
+from estlab.config.earlier import completed
+from estlab.errors import UserError, printable
+from estlab.experiment.monte_carlo import SMOOTHED
+from estlab.maths.space import Array, Space
+from estlab.rundir import finished
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Source(Protocol):
+    """What a Run is made of."""
+
+    @property
+    def path(self) -> Path | None:
+        """The run directory, if there is one."""
+
+    @property
+    def scenario(self) -> str:
+        """What it was called."""
+
+    @property
+    def filters(self) -> tuple[str, ...]:
+        """The names of the sets of estimates."""
+
+    @property
+    def title(self) -> str:
+        """What was run, in one line."""
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """What run.json says."""
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        """What status.json says."""
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        """The configuration as plain data."""
+
+    @property
+    def settings(self) -> Settings:
+        """The same as objects."""
+
+    @property
+    def space(self) -> Space:
+        """Of the state."""
+
+    def table(self, file: str) -> "DataFrame":
+        """A table by the name of its file, without lines where there is none."""
+
+    def arrays(self) -> dict[str, Array]:
+        """The arrays of estimates.npz."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A run directory, read as data. plugins: the packages of whoever reads it, whose classes it may name."""
+
+    run: finished.Finished
+    plugins: Sequence[str] = ()
+
+    @property
+    def path(self) -> Path:
+        return self.run.path
+
+    @property
+    def scenario(self) -> str:
+        return self.run.scenario
+
+    @property
+    def filters(self) -> tuple[str, ...]:
+        endings = ("", SMOOTHED) if self.config.get("smooth") is True else ("",)
+        return tuple(name + end for name in self.run.filters for end in endings)
+
+    @property
+    def title(self) -> str:
+        told = self.facts.get("title")
+        return printable(str(told or " · ".join([self.scenario, ", ".join(self.run.filters)])))
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        return self.run.facts
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        return self.run.status
+
+    @property
+    def config(self) -> Mapping[str, Any]:
+        return self.run.config
+
+    def table(self, file: str) -> "DataFrame":
+        if file == rundir.METRICS and (why := finished.unfinished(self.status)):
+            raise UserError(f"{self.path}: has no whole result ({why})")
+        return tables.of_file(self.path, file)
+
+    def arrays(self) -> dict[str, Array]:
+        return finished.stored(self.path, rundir.ESTIMATES)
+
+    @cached_property
+    def settings(self) -> Settings:
+        """The configuration as objects, of estlab's own classes and those of the plugins.
+
+        Raises UserError for a class of another package.
+        """
+        config = dict(self.config) | {"plugins": list(self.plugins)}
+        try:
+            return build(completed(config, self.run.scenario, self.run.filter)[0])
+        except UserError as error:
+            theirs = self.config.get("plugins")
+            hint = f"; if you trust its plugins, load(..., plugins={theirs})" if theirs and not self.plugins else ""
+            raise UserError(f"{self.path / rundir.CONFIG}: {error}{hint}") from error
+
+    @cached_property
+    def space(self) -> Space:
+        """That of the scenario; of one of a plugin's that is not trusted, by errors.csv, with angles in rad."""
+        try:
+            return self.settings.scenario.space
+        except UserError:
+            errors = self.table(rundir.ERRORS).drop_duplicates("component")
+            names, units = tuple(errors["component"]), tuple(errors["unit"])
+            return Space(names, units, tuple(i for i, unit in enumerate(units) if unit == "rad"))
