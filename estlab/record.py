@@ -74,11 +74,10 @@ class Record:
         runs: the numbers of its runs, whose streams decide.
         """
         values = self.readings.values.copy()
-        for i, run in enumerate(runs):
+        for i, generator in enumerate(streams.generators("lost", [0] * len(runs) if self.repeated else runs)):
             # Of those that it has, so that other runs of its block do not matter.
             had = np.flatnonzero(np.isfinite(values[:, :, i]).any(axis=0))
-            lost = streams.generator("lost", 0 if self.repeated else run).random(had.size) < share
-            values[:, had[lost], i] = np.nan
+            values[:, had[generator.random(had.size) < share], i] = np.nan
         return replace(self, readings=replace(self.readings, values=values))
 
     @property

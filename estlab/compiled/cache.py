@@ -22,10 +22,10 @@ from estlab.errors import printable
 
 log = logging.getLogger("estlab")
 
-_BUILT: dict[tuple[str, str], "Program"] = {}
+_BUILT: dict[tuple[str, str], "MachineCode"] = {}
 
 
-class Program:
+class MachineCode:
     """Machine code in memory, with what keeps it there."""
 
     def __init__(self, code: bytes) -> None:
@@ -53,7 +53,7 @@ def lanes() -> int:
     return 8 if "+avx512f" in features else 4 if "+avx" in features.split(",") else 2
 
 
-def program(text: str) -> Program:
+def program(text: str) -> MachineCode:
     """The program of this text: from this process, from the folder, or compiled now."""
     digest = hashlib.sha256(f"{_processor()}\0{text}".encode()).hexdigest()
     key = str(folder()), digest
@@ -64,7 +64,7 @@ def program(text: str) -> Program:
         if code is None:
             code = compiled(text)
             _keep(digest, code)
-        _BUILT[key] = Program(code)
+        _BUILT[key] = MachineCode(code)
         log.info("the filter's steps were %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
     return _BUILT[key]
 

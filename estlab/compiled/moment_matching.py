@@ -24,7 +24,7 @@ from estlab.compiled.algebra import (
 from estlab.compiled.model_graphs import root
 
 
-class Moments(NamedTuple):
+class TracedMoments(NamedTuple):
     """Mean, covariance, and cross-covariance with the argument, by rows of the argument's components."""
 
     mean: Row
@@ -81,7 +81,7 @@ def by_points(
     mean: Row,
     factor: Matrix,
     crossed: int,
-) -> Moments:
+) -> TracedMoments:
     """Through points about the mean. wrap: brings differences of values back. crossed: for how many of its components
     the cross-covariance is wanted.
     """
@@ -106,7 +106,7 @@ def by_points(
     ]
     if points.listed is None:
         cross = _opposite(points, factor, rises, crossed, m)
-    return Moments([plus(middle[i], shift[i]) for i in range(m)], symmetric(m, spread), cross)
+    return TracedMoments([plus(middle[i], shift[i]) for i in range(m)], symmetric(m, spread), cross)
 
 
 def _opposite(points: Points, factor: Matrix, rises: list[Row], crossed: int, m: int) -> Matrix:
@@ -136,13 +136,13 @@ def deviations(
     return middle, rises
 
 
-def linearised(value: Row, jacobian: Matrix, cov: Matrix) -> Moments:
+def linearised(value: Row, jacobian: Matrix, cov: Matrix) -> TracedMoments:
     """Linearised at the mean, with the Jacobian F: F P F' and P F'."""
     jacobian_cov, spread = sandwich(jacobian, cov)
-    return Moments(value, spread, transpose(jacobian_cov, len(cov)))
+    return TracedMoments(value, spread, transpose(jacobian_cov, len(cov)))
 
 
-def second_order(moments: Moments, hessians: list[Matrix], cov: Matrix, gaussian: bool) -> Moments:
+def second_order(moments: TracedMoments, hessians: list[Matrix], cov: Matrix, gaussian: bool) -> TracedMoments:
     """The same with second derivatives; see estlab.maths.transforms.SecondOrder."""
     n = len(cov)
     products = [matmul(matrix, cov) for matrix in hessians]  # H_i P
@@ -156,7 +156,7 @@ def second_order(moments: Moments, hessians: list[Matrix], cov: Matrix, gaussian
     def twice(i: int, j: int) -> Any:
         return times(0.5, total(inner(products[i][a], [row[a] for row in products[j]]) for a in range(n)))
 
-    return Moments(mean, added(moments.cov, symmetric(len(products), twice)), moments.cross)
+    return TracedMoments(mean, added(moments.cov, symmetric(len(products), twice)), moments.cross)
 
 
 def factored(cov: Matrix, failed: Pivots) -> Matrix:

@@ -5,13 +5,13 @@ from typing import Any
 
 from estlab.compiled.algebra import Matrix, Row, added, block_diagonal, plus, sandwich
 from estlab.compiled.model_graphs import wrapped
-from estlab.compiled.moment_matching import Moments, by_points, factored, linearised, second_order
+from estlab.compiled.moment_matching import TracedMoments, by_points, factored, linearised, second_order
 from estlab.compiled.routines import Routine, Steps
 
 
 def predicted_state(
     steps: Steps, routine: Routine, mean: Row, cov: Matrix, control: Row, dt: Any, crossed: int
-) -> Moments:
+) -> TracedMoments:
     """The motion's moments, noise included, with the cross-covariance of this many components before."""
     motion, method, tracer = steps.motion, steps.method, routine.tracer
     n, noise = steps.n, steps.process_noise(tracer)
@@ -41,7 +41,9 @@ def predicted_state(
     return moments._replace(cov=added(moments.cov, sandwich(in_noise, noise)[1]))
 
 
-def predicted_reading(steps: Steps, routine: Routine, mean: Row, cov: Matrix, landmarks: Sequence[Row]) -> Moments:
+def predicted_reading(
+    steps: Steps, routine: Routine, mean: Row, cov: Matrix, landmarks: Sequence[Row]
+) -> TracedMoments:
     """The reading's moments, noise included, and its cross-covariance with the state."""
     sensor, method, tracer = steps.sensor, steps.method, routine.tracer
     n, m = steps.n, sensor.space.size

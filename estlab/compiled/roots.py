@@ -19,7 +19,7 @@ from estlab.compiled.algebra import (
     triangle,
 )
 from estlab.compiled.model_graphs import root, wrapped
-from estlab.compiled.moment_matching import Moments, deviations, factored
+from estlab.compiled.moment_matching import TracedMoments, deviations, factored
 from estlab.compiled.routines import PointSet, Routine, Steps, unless
 from estlab.compiled.updates import either, reading_of, record_innovation, refused, without
 
@@ -60,7 +60,7 @@ def spread(steps: Steps, routine: Routine, name: str, given: PointSet | None, fu
 
 def predicted_root(
     steps: Steps, routine: Routine, mean: Row, matrix: Matrix, control: Row, dt: Any, crossed: int
-) -> Moments:
+) -> TracedMoments:
     """The mean and the factor (in the place of the covariance) after a prediction."""
     motion, tracer = steps.motion, routine.tracer
 
@@ -72,7 +72,7 @@ def predicted_root(
     if motion.noises:
         _, in_noise = motion.jacobians(tracer, mean, control, dt)
         columns = beside(columns, matmul(in_noise, steps.process_noise(tracer)))
-    return Moments(found.mean, triangle(columns, routine.failed, root), [])
+    return TracedMoments(found.mean, triangle(columns, routine.failed, root), [])
 
 
 def beside(a: Matrix, b: Matrix) -> Matrix:

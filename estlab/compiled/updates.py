@@ -18,7 +18,7 @@ from estlab.compiled.algebra import (
     transpose,
 )
 from estlab.compiled.model_graphs import wrapped
-from estlab.compiled.moment_matching import Moments, factored, linearised
+from estlab.compiled.moment_matching import TracedMoments, factored, linearised
 from estlab.compiled.predictions import predicted_reading
 from estlab.compiled.routines import Routine, Steps, slots, unless
 from estlab.compiled.symbols import Symbol
@@ -32,7 +32,7 @@ class Reading(NamedTuple):
     landmarks: list[Row]
 
 
-class Found(NamedTuple):
+class UpdatedBelief(NamedTuple):
     """A belief given a reading; the whitened innovation and the diagonal of its factor."""
 
     mean: Row
@@ -75,7 +75,9 @@ def chosen(routine: Routine, condition: Symbol, yes: Matrix, no: Matrix) -> Matr
     return symmetric(len(yes), lambda i, j: routine.choose(condition, yes[i][j], no[i][j]))
 
 
-def again(steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: Found, reading: Reading) -> Found:
+def again(
+    steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: UpdatedBelief, reading: Reading
+) -> UpdatedBelief:
     """The update once more, the sensor linearised where the last one led."""
     sensor, tracer = steps.sensor, routine.tracer
     offset = wrapped(sensor.state, [minus(mean[i], found.mean[i]) for i in range(steps.n)])
@@ -88,8 +90,8 @@ def again(steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: Found, 
 
 
 def condition(
-    steps: Steps, routine: Routine, mean: Row, cov: Matrix, moments: Moments, reading: Reading, gate: bool
-) -> Found:
+    steps: Steps, routine: Routine, mean: Row, cov: Matrix, moments: TracedMoments, reading: Reading, gate: bool
+) -> UpdatedBelief:
     """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing tells nothing."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
     missing = reading.missing
@@ -105,7 +107,7 @@ def condition(
     moved = [plus(mean[c], total(times(half_gain[a][c], whitened[a]) for a in range(m))) for c in range(n)]
     less = matmul(transpose(half_gain, n), half_gain)
     shrunk = symmetric(n, lambda i, j: minus(cov[i][j], less[i][j]))
-    return Found(wrapped(sensor.state, moved), shrunk, whitened, [factor[a][a] for a in range(m)], gated)
+    return UpdatedBelief(wrapped(sensor.state, moved), shrunk, whitened, [factor[a][a] for a in range(m)], gated)
 
 
 def either(a: Symbol | None, b: Symbol | None) -> Symbol | None:

@@ -23,7 +23,7 @@ _LEAST = 3  # frames: two for the initial estimate, and one to filter
 
 
 @dataclass(frozen=True)
-class Recording:
+class EpuckRecording:
     """fixes: (2, N) x and y [cm]. alpha: (N,) heading [rad], measured in the same frames. NaN where not measured.
 
     first: the number of the first frame kept. The first two have a fix.
@@ -36,7 +36,7 @@ class Recording:
     remarks: tuple[str, ...] = ()
 
 
-def read(files: Files) -> Recording:
+def read(files: Files) -> EpuckRecording:
     """Read positions and, if the file exists, headings, starting from the first two consecutive frames with a fix.
 
     Raises UserError that names file and line if a file is missing or does not follow the layout.
@@ -72,10 +72,10 @@ def read(files: Files) -> Recording:
         *(_missing(headings, np.isnan(alpha[first:]), first, "alpha") if headings else ()),
     )
     read = (positions, headings) if headings else (positions,)
-    return Recording(fixes[:, first:], alpha[first:], first, read, remarks)
+    return EpuckRecording(fixes[:, first:], alpha[first:], first, read, remarks)
 
 
-def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
+def write(recording: EpuckRecording, folder: Path, prefix: str) -> list[Path]:
     """Write both files, without a header like the originals. Returns the files written."""
     tables = {LAYOUT["positions"][0]: recording.fixes.T, LAYOUT["headings"][0]: recording.alpha[:, None]}
     return [

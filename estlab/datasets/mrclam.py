@@ -43,7 +43,7 @@ _WHOLE = {"measurement": slice(1, 2), "barcodes": slice(0, 2), "landmark_groundt
 
 
 @dataclass(frozen=True)
-class Recording:
+class LandmarkRecording:
     """One robot's files.
 
     odometry: (N, 3) time [s], v [m/s], w [rad/s]. truth: (N, 4) time, x, y [m], heading [rad]; N = 0 without a file.
@@ -68,7 +68,7 @@ class Recording:
         return tuple(self.paths.values())
 
 
-def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEFAULTS) -> Recording:
+def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEFAULTS) -> LandmarkRecording:
     """Read one robot's files. Readings of other robots are left out; so is a limited share of unknown barcodes.
 
     Files common to all robots are found with the prefix or without it; the truth may be missing. Rows with repeated
@@ -104,7 +104,7 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
             "to the same recording"
         )
     code_of = {subject: code for code, subject in subject_of.items()}
-    return Recording(
+    return LandmarkRecording(
         odometry=odometry,
         truth=truth,
         reading_time=measurement[kept, 0],
@@ -118,7 +118,7 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
     )
 
 
-def write(recording: Recording, folder: Path, prefix: str) -> list[Path]:
+def write(recording: LandmarkRecording, folder: Path, prefix: str) -> list[Path]:
     """Write one robot's files. Returns the files written."""
     landmarks = np.column_stack([recording.subjects, recording.landmarks.T, np.zeros((recording.subjects.size, 2))])
     measurement = np.column_stack(

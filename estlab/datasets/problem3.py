@@ -21,7 +21,7 @@ _HEADING = 3
 
 
 @dataclass(frozen=True)
-class Recording:
+class CarRecording:
     """points: (2, M) range [m] and bearing [rad], and the frame of each (M,). time: (N,) [s] of the frames.
 
     truth: (6, N), NaN where unknown.
@@ -35,7 +35,7 @@ class Recording:
     remarks: tuple[str, ...]
 
 
-def read(files: Files, dt: float, options: Options) -> Recording:
+def read(files: Files, dt: float, options: Options) -> CarRecording:
     """Read the frames and, if the file exists, the truth. dt: [s] between frames if the file has no times.
 
     Raises UserError that names file and element if one is missing or does not follow the layout.
@@ -73,7 +73,7 @@ def read(files: Files, dt: float, options: Options) -> Recording:
         truth, time_notes = frames.truth_of(path, kept, truth_path, states, time, (_HEADING,), options.clock_faults)
         remarks += time_notes
     read = (path, truth_path) if truth_path else (path,)
-    return Recording(points[:2, there], owner[there], kept.time, truth, read, remarks)
+    return CarRecording(points[:2, there], owner[there], kept.time, truth, read, remarks)
 
 
 def _scan(path: Path, name: str, points: Array) -> Array:

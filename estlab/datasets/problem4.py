@@ -28,7 +28,7 @@ _SAME_TIME = 1e-6  # [s]
 
 
 @dataclass(frozen=True)
-class Recording:
+class SonarRecording:
     """encoder: (2, N) ds [m], dth [rad]. ranges: (3, N) [m], NaN where not measured. time: (N,) [s].
 
     truth: (3, N), NaN where unknown. beacons: (2, B) [m]. bounds: minx, maxx, miny, maxy [m].
@@ -44,7 +44,7 @@ class Recording:
     remarks: tuple[str, ...]
 
 
-def read(files: Files, dt: float, options: Options) -> Recording:
+def read(files: Files, dt: float, options: Options) -> SonarRecording:
     """Read the measurements and, if the file exists, the truth. dt: [s] between frames if the file has no times.
 
     Raises UserError that names file and element if one is missing or does not follow the layout.
@@ -92,7 +92,7 @@ def read(files: Files, dt: float, options: Options) -> Recording:
         remarks += agreement.of_lengths(encoder[0, 1:], truth[0], truth[1], np.roll(truth[_HEADING], -1), str(path))
         check_turns("dth", encoder[1, 1:], np.diff(truth[_HEADING]), f"{path}: encoder(i).u")
     read = (path, truth_path) if truth_path else (path,)
-    return Recording(encoder, ranges, kept.time, truth, beacons.T, bounds, read, remarks)
+    return SonarRecording(encoder, ranges, kept.time, truth, beacons.T, bounds, read, remarks)
 
 
 def _apart(path: Path, encoder: Array | None, sonar: Array | None) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from typing import Any
 
 from estlab.compiled.trace import UntraceableError
 from estlab.errors import UserError
-from estlab.filters.given import Given, Shape, Work
+from estlab.filters.given import FilterSetup, Given, Shape
 from estlab.filters.loop import Loop
-from estlab.filters.through import Program, Through
+from estlab.filters.through import FilterProgram, Through
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
 from estlab.record import Estimates, Readings, Record
@@ -32,12 +32,12 @@ class CompiledLoop(Loop):
     def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
         super().__init__(*parts)
         self.insist, self.lanes = insist, lanes
-        self.work = Work(self.filter, self.motion, self.sensor, self.scheme, self.pause)
+        self.setup = FilterSetup(self.filter, self.motion, self.sensor, self.scheme, self.pause)
 
     @property
     def compiles(self) -> bool:
         try:
-            self.work.method()
+            self.setup.method()
         except ValueError:
             return False
         return True
@@ -45,7 +45,7 @@ class CompiledLoop(Loop):
     def check_engine(self) -> None:
         """Raise ValueError for a filter that is not compiled, if the engine is insisted on."""
         if self.insist:
-            self.work.method()
+            self.setup.method()
 
     def prepare(self, record: Record, generators: Generators) -> None:
         """Trace and compile, or find it compiled."""
@@ -85,7 +85,7 @@ class CompiledLoop(Loop):
     def _given(self, record: Record, generators: Generators) -> Given | None:
         """The record as compiled code takes it; None if there is none for this filter."""
         try:
-            return Given(self.work, record, generators, self.lanes)
+            return Given(self.setup, record, generators, self.lanes)
         except ValueError:
             if self.insist:
                 raise
@@ -97,14 +97,14 @@ class CompiledLoop(Loop):
         return None
 
     @cached_property
-    def _programs(self) -> dict[tuple[Shape, bool], Program | None]:
+    def _programs(self) -> dict[tuple[Shape, bool], FilterProgram | None]:
         return {}
 
-    def _built(self, shape: Shape, smooth: bool) -> Program | None:
+    def _built(self, shape: Shape, smooth: bool) -> FilterProgram | None:
         """The program for data of this shape; None if the models are refused, and that is no error."""
         if (shape, smooth) not in self._programs:
             try:
-                self._programs[shape, smooth] = Program(self.work, shape, smooth)
+                self._programs[shape, smooth] = FilterProgram(self.setup, shape, smooth)
             except UntraceableError as refusal:
                 if self.insist:
                     raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
@@ -112,9 +112,11 @@ class CompiledLoop(Loop):
                 self._programs[shape, smooth] = None
         return self._programs[shape, smooth]
 
-    def _through(self, program: Program, given: Given, record: Record, on_step: Callable[[], None] | None) -> Through:
+    def _through(
+        self, program: FilterProgram, given: Given, record: Record, on_step: Callable[[], None] | None
+    ) -> Through:
         steps, size = record.time.size, max(1, _AT_ONCE // given.runs)
-        found = Through(self.work, program, given, steps)
+        found = Through(self.setup, program, given, steps)
         for first in range(0, steps, size):
             last = min(first + size, steps)
             found.go(first, last)

@@ -15,19 +15,19 @@ from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
 
-class Ensemble(NamedTuple):
+class Members(NamedTuple):
     """Members (n, members, runs), and the generators they are perturbed from."""
 
     points: Array
     generators: Generators
 
-    def take(self, runs: Array) -> "Ensemble":
+    def take(self, runs: Array) -> "Members":
         """The belief in some of the runs."""
-        return Ensemble(cloud.take(self.points, runs), self.generators.take(runs))
+        return Members(cloud.take(self.points, runs), self.generators.take(runs))
 
-    def replaced(self, runs: Array, part: "Ensemble") -> "Ensemble":
+    def replaced(self, runs: Array, part: "Members") -> "Members":
         """The belief with those of some runs replaced."""
-        return Ensemble(cloud.replaced(self.points, runs, part.points), self.generators)
+        return Members(cloud.replaced(self.points, runs, part.points), self.generators)
 
 
 @dataclass(frozen=True)
@@ -51,17 +51,17 @@ class EnsembleFilter(Filter):
         if self.members <= motion.space.size:
             raise ValueError(f"members must be > {motion.space.size}, the size of the state, got {self.members}")
 
-    def start(self, prior: Prior, generators: Generators) -> Ensemble:
-        return Ensemble(cloud.laid_out(prior.sample(generators, self.members)), generators)
+    def start(self, prior: Prior, generators: Generators) -> Members:
+        return Members(cloud.laid_out(prior.sample(generators, self.members)), generators)
 
-    def predict(self, motion: Motion, belief: Ensemble, control: Array, dt: float) -> Ensemble:
+    def predict(self, motion: Motion, belief: Members, control: Array, dt: float) -> Members:
         points = Step.drawn(motion, belief.points, control, dt, belief.generators).points()
         if self.inflation > 1.0:
             mean = _mean(motion.space, points)[:, None]
             points = motion.space.plus(mean, self.inflation * motion.space.minus(points, mean))
-        return Ensemble(points, belief.generators)
+        return Members(points, belief.generators)
 
-    def update(self, sensor: Sensor, belief: Ensemble, reading: Array, landmark: Array) -> tuple[Ensemble, Innovation]:
+    def update(self, sensor: Sensor, belief: Members, reading: Array, landmark: Array) -> tuple[Members, Innovation]:
         m = sensor.space.size
         expected = cloud.laid_out(sensor.read(belief.points, landmark))
         mean = _mean(sensor.space, expected)
@@ -79,14 +79,14 @@ class EnsembleFilter(Filter):
         kalman_gain = matmul(matmul(cross, transpose(whitening)), whitening)
         points = sensor.state.plus(belief.points, cloud.combined(kalman_gain, each))
         whitened = solve_lower(factor, innovation[:, None])[:, 0]
-        return Ensemble(points, belief.generators), innovation_of(whitened, factor, missing, None)
+        return Members(points, belief.generators), innovation_of(whitened, factor, missing, None)
 
-    def moments(self, belief: Ensemble, motion: Motion) -> Gaussian:
+    def moments(self, belief: Members, motion: Motion) -> Gaussian:
         even = cloud.even(self.members, belief.points.shape[2], 1.0 / self.members)
         mean, cov = cloud.moments(motion.space, belief.points, even)
         return Gaussian(mean, cov * (self.members / (self.members - 1)))
 
-    def sample(self, belief: Ensemble) -> Sample:
+    def sample(self, belief: Members) -> Sample:
         runs = belief.points.shape[2]
         return Sample(np.full(runs, float(self.members)), np.ones(runs))
 

@@ -17,7 +17,7 @@ from estlab.record import Record
 
 
 @dataclass(frozen=True)
-class Work:
+class FilterSetup:
     """A filter with its models, and what to do with several readings at one time: see estlab.filters.loop.Loop."""
 
     filter: Filter
@@ -57,18 +57,18 @@ class Shape:
 
 
 class Given:
-    """A record's arrays, the belief at its start, and their shape. Raises ValueError as Work.method."""
+    """A record's arrays, the belief at its start, and their shape. Raises ValueError as FilterSetup.method."""
 
-    def __init__(self, work: Work, record: Record, generators: Generators, lanes: int | None) -> None:
-        method = work.method()
+    def __init__(self, setup: FilterSetup, record: Record, generators: Generators, lanes: int | None) -> None:
+        method = setup.method()
         self.lapse = np.diff(record.time, prepend=record.start)
-        self.pause = work.pause if work.scheme == "interleaved" else 0.0
+        self.pause = setup.pause if setup.scheme == "interleaved" else 0.0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            start: Any = work.filter.start(record.prior, generators)
-            self.table = noise_table(work.motion, record.control, self.lapse, self.pause, method.factors_noise)
+            start: Any = setup.filter.start(record.prior, generators)
+            self.table = noise_table(setup.motion, record.control, self.lapse, self.pause, method.factors_noise)
         self.mean, self.matrix = start  # a covariance or its factor
         self.runs = int(self.mean.shape[1])
-        self.stack = (stacked if work.scheme == "stacked" else one_by_one)(record.readings, self.runs)
+        self.stack = (stacked if setup.scheme == "stacked" else one_by_one)(record.readings, self.runs)
         self.control = np.ascontiguousarray(record.control, dtype=float)
         lanes = lanes or cache.lanes()
         while lanes > self.runs:

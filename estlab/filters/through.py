@@ -11,29 +11,29 @@ from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothin
 from estlab.compiled.routines import Routine, Steps, slots
 from estlab.filters.filter import chi_square_quantile
 from estlab.filters.gaussian import DeadReckoning
-from estlab.filters.given import Given, Shape, Work
+from estlab.filters.given import FilterSetup, Given, Shape
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array
 from estlab.record import Estimates, Readings
 
 
-class Program:
+class FilterProgram:
     """Compiled code for a filter, its models and data of a shape, with its parameters.
 
     Raises UntraceableError, naming function, file and line, for models that cannot be traced.
     """
 
-    def __init__(self, work: Work, shape: Shape, smooth: bool) -> None:
-        steps, gated = _steps(work, shape), getattr(work.filter, "gate", None) is not None
+    def __init__(self, setup: FilterSetup, shape: Shape, smooth: bool) -> None:
+        steps, gated = _steps(setup, shape), getattr(setup.filter, "gate", None) is not None
         routines: dict[str, Routine]
         if smooth:
             routines = {"smooth": kernels.smooth(steps), "record": kernels.record(steps, gated=False)}
         else:
             routines = {"predict": kernels.predict(steps), "update": kernels.update(steps)}
             routines["record"] = kernels.record(steps, gated)
-            if work.scheme == "interleaved":
+            if setup.scheme == "interleaved":
                 routines["pause"] = kernels.predict(steps, paused=True)
-        coordinates = work.sensor.landmarks.shape[0]
+        coordinates = setup.sensor.landmarks.shape[0]
         access = accesses(shape.lanes, shape.each_control, shape.each_noise, shape.each_landmark, coordinates)
         self.lanes = shape.lanes
         self.text = (smoothing if smooth else filtering)(routines, access, steps.n, shape.lanes)
@@ -49,8 +49,8 @@ class Program:
         self._run(np.array(numbers, dtype=np.int64).ctypes.data)
 
 
-def _steps(work: Work, shape: Shape) -> Steps:
-    motion, sensor, gate = work.motion, work.sensor, getattr(work.filter, "gate", None)
+def _steps(setup: FilterSetup, shape: Shape) -> Steps:
+    motion, sensor, gate = setup.motion, setup.sensor, getattr(setup.filter, "gate", None)
     m, coordinates = sensor.space.size, sensor.landmarks.shape[0]
     cov = np.asarray(sensor.noise_cov, dtype=float)
     quantiles = np.full(m + 1, np.inf) if gate is None else chi_square_quantile(gate, np.arange(m + 1))
@@ -59,7 +59,7 @@ def _steps(work: Work, shape: Shape) -> Steps:
         SensorModel(
             sensor.space, sensor.state, sensor.measure, coordinates, sensor.jacobian, sensor.hessians, shape.count
         ),
-        work.method(),
+        setup.method(),
         shape.noise,
         (cov.tolist(), cholesky(cov).tolist()),
         quantiles.tolist(),
@@ -70,20 +70,20 @@ def _steps(work: Work, shape: Shape) -> Steps:
 class Through:
     """A record gone through by compiled code, with what it found."""
 
-    def __init__(self, work: Work, program: Program, given: Given, steps: int) -> None:
-        self.program, self.stack, self.stacked = program, given.stack, work.scheme == "stacked"
-        self.n = n = work.motion.space.size
+    def __init__(self, setup: FilterSetup, program: FilterProgram, given: Given, steps: int) -> None:
+        self.program, self.stack, self.stacked = program, given.stack, setup.scheme == "stacked"
+        self.n = n = setup.motion.space.size
         runs, (i, j) = given.runs, np.tril_indices(n)
         belief = np.zeros((slots(n), runs))
         belief[:n], belief[n:-2] = given.mean, given.matrix[i, j]
         whitened, log_scale = np.empty((2, *given.stack.values.shape))
-        if isinstance(work.filter, DeadReckoning):  # else the code fills all of it
+        if isinstance(setup.filter, DeadReckoning):  # else the code fills all of it
             whitened[:] = log_scale[:] = np.nan
         mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
-        gate = getattr(work.filter, "gate", None)
+        gate = getattr(setup.filter, "gate", None)
         self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)
         bounds = Readings(given.stack.step, given.stack.values, given.stack.landmark_number).bounds(steps)
-        landmarks, entries = np.ascontiguousarray(work.sensor.landmarks, dtype=float), given.table.entries
+        landmarks, entries = np.ascontiguousarray(setup.sensor.landmarks, dtype=float), given.table.entries
         self.fields: dict[str, Any] = {
             "runs": runs, "first": 0, "last": steps, "steps": steps, "readings": given.stack.values.shape[1],
             "controls": given.control.shape[2], "noises": entries.shape[2], "parameter": program.parameters,
@@ -100,7 +100,7 @@ class Through:
         """Over these steps."""
         self.program.run(self.fields | {"first": first, "last": last})
 
-    def back(self, program: Program) -> "Through":
+    def back(self, program: FilterProgram) -> "Through":
         """What is smoothed, from the last step to the first."""
         found = copy.copy(self)
         mean, cov = self.estimates.mean.copy(), self.estimates.cov.copy()

@@ -1,13 +1,14 @@
 """Random numbers by name: who asks decides what is drawn, never when or where."""
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 
 from estlab.earlier_names import renamed
+from estlab.maths.seeding import seeded
 from estlab.maths.space import Array
 
 
@@ -25,19 +26,20 @@ class Streams:
 
     def generator(self, purpose: str, run: int) -> np.random.Generator:
         """The stream for one purpose in one run."""
-        digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
-        words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(*words, run))))
+        (generator,) = self.generators(purpose, [run])
+        return generator
 
-    def normals(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
+    def normals(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run from its own stream."""
         return np.ascontiguousarray(self.generators(purpose, runs).normals(shape))
 
-    def generators(self, purpose: str, runs: Iterable[int]) -> "Generators":
+    def generators(self, purpose: str, runs: Sequence[int]) -> "Generators":
         """The generators of several runs, to be drawn from as one goes along."""
-        return Generators(partial(self.generator, purpose), runs)
+        digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
+        words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+        return Generators(partial(seeded, self.seed, words, runs))
 
-    def uniforms(self, purpose: str, runs: Iterable[int], shape: tuple[int, ...]) -> Array:
+    def uniforms(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""
         return np.ascontiguousarray(self.generators(purpose, runs).uniforms(shape))
 
@@ -46,19 +48,22 @@ class Streams:
 class Generators:
     """Random number generators of a batch of runs, each of which draws from its own stream.
 
-    make: gives the generator of a run by its number. They are made when first drawn from, and some filters never do.
+    make: gives the runs' generators. They are made when first drawn from, and some filters never do.
     """
 
-    def __init__(self, make: Callable[[int], np.random.Generator], runs: Iterable[int]) -> None:
-        self._make, self._runs = make, runs
+    def __init__(self, make: Callable[[], list[np.random.Generator]]) -> None:
+        self._make = make
 
     @cached_property
     def _generators(self) -> list[np.random.Generator]:
-        return [self._make(run) for run in self._runs]
+        return self._make()
 
     def take(self, runs: Array) -> "Generators":
         """The generators of some of the runs, by their index in this batch."""
-        return Generators(self._generators.__getitem__, runs)
+        return Generators(lambda: [self._generators[run] for run in runs])
+
+    def __iter__(self) -> Iterator[np.random.Generator]:
+        return iter(self._generators)
 
     def normals(self, shape: tuple[int, ...]) -> Array:
         """Standard normal numbers (*shape, runs), each run's side by side in memory."""

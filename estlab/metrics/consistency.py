@@ -25,7 +25,7 @@ from estlab.metrics.intervals import (
     time_share_interval,
     time_share_test,
 )
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import LAGS
 from estlab.metrics.tally import Tally
 
@@ -91,7 +91,7 @@ def _answered(asked: _Asked, adjusted: float, level: float) -> Test:
     return Test(asked.name, of, found, asked.expected, asked.p, float(adjusted), float(level))
 
 
-def nees_of(tally: Tally, which: str = "") -> tuple[str, Moments]:
+def nees_of(tally: Tally, which: str = "") -> tuple[str, SampleMoments]:
     """What NEES is divided by, and each run's quotient: n, or the mean of its distribution for sampled covariances.
 
     Uses only steps at which the distribution is known; if too many have none, uses all steps and divides by n. which:
@@ -214,7 +214,7 @@ def _inside(tally: Tally) -> list[_Asked]:
     return [_Asked(INSIDE, LEAST_INSIDE, min(1.0, among * min(p_values)), at_level)]
 
 
-def _any_off_zero(moments: Moments) -> float:
+def _any_off_zero(moments: SampleMoments) -> float:
     """The p-value for all of several means being zero: the smallest of Student's t, times their number (Bonferroni).
 
     It is below a level exactly where one of their intervals, of that level over their number, excludes zero.
@@ -224,7 +224,7 @@ def _any_off_zero(moments: Moments) -> float:
     return min(1.0, count * float(np.nanmin(each))) if np.isfinite(each).any() else np.nan
 
 
-def _furthest(moments: Moments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
+def _furthest(moments: SampleMoments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
     """The name of the mean that is furthest from zero, and its interval, such that all intervals hold together.
 
     Chosen among those whose interval excludes zero; if none does, the furthest in units of its own standard error, if
@@ -241,7 +241,7 @@ def _furthest(moments: Moments, names: Sequence[str], level: float) -> tuple[str
     return names[worst], each[worst]
 
 
-def intervals_of_all(moments: Moments, level: float) -> list[Estimate]:
+def intervals_of_all(moments: SampleMoments, level: float) -> list[Estimate]:
     """Each mean with an interval; all hold together except with probability ``level`` (Bonferroni)."""
     count = moments.mean.shape[0]
     return [mean_interval(moments.component(i), level / count) for i in range(count)]
@@ -257,7 +257,7 @@ def _no_innovations(tally: Tally) -> str:
     return "no reading passed the gate" if tally.gated else "there are no innovations"
 
 
-def _unscored(tally: Tally, moments: Moments) -> str:
+def _unscored(tally: Tally, moments: SampleMoments) -> str:
     if int(moments.count):
         return ""
     if tally.diverged["not_definite"]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 
 LEVEL = 0.05  # of a test: its rate of false alarms
 CONFIDENCE = 1.0 - LEVEL  # of an interval or a band
@@ -20,7 +20,7 @@ class Estimate(NamedTuple):
     n: int
 
 
-def mean_interval(moments: Moments, level: float = LEVEL) -> Estimate:
+def mean_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
     """Student's t interval for a mean over runs, with miss probability ``level``."""
     mean, error, n = _parts(moments)
     half = _t_quantile(n, level) * error
@@ -34,7 +34,7 @@ def widened(found: Estimate, level: float) -> Estimate:
     return Estimate(value, value - (value - low) * factor, value + (high - value) * factor, n)
 
 
-def positive_interval(moments: Moments, level: float = LEVEL) -> Estimate:
+def positive_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
     """The same on a logarithmic scale, by the delta method: a mean of positive values cannot reach zero.
 
     For values as skewed as chi-squares it has its nominal coverage from five runs on, where Student's does not
@@ -52,15 +52,13 @@ def stretched(relative_error: float, n: int, level: float) -> float:
     return float(np.exp(min(_t_quantile(n, level) * relative_error, 50.0)))
 
 
-def t_test(moments: Moments, expected: float) -> float:
-    """The two-sided p-value of a mean: below a level exactly where :func:`mean_interval` excludes the expected
-    value.
-    """
+def t_test(moments: SampleMoments, expected: float) -> float:
+    """The two-sided p-value of a mean: below a level where :func:`mean_interval` leaves the expected value out."""
     mean, error, n = _parts(moments)
     return _t_tail((mean - expected) / error, n) if error > 0.0 else np.nan
 
 
-def positive_test(moments: Moments, expected: float) -> float:
+def positive_test(moments: SampleMoments, expected: float) -> float:
     """The two-sided p-value of a mean of positive values, consistent with :func:`positive_interval`."""
     mean, error, n = _parts(moments)
     return _t_tail(np.log(mean / expected) * mean / error, n) if error > 0.0 and mean > 0.0 else np.nan
@@ -81,7 +79,7 @@ def share_interval(share: float, n: float, level: float = LEVEL) -> Estimate:
     return Estimate(share, float(min(middle - half, share)), float(max(middle + half, share)), round(n))
 
 
-def time_share_interval(moments: Moments, level: float = LEVEL) -> Estimate:
+def time_share_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
     """Wilson's interval for a share of time, as a mean over runs with many steps each.
 
     The steps of a run are not independent, so the share counts as that of as many independent trials as would have
@@ -97,7 +95,7 @@ def time_share_interval(moments: Moments, level: float = LEVEL) -> Estimate:
     return Estimate(share if n else np.nan, found.low, found.high, n)
 
 
-def time_share_test(moments: Moments, expected: float) -> float:
+def time_share_test(moments: SampleMoments, expected: float) -> float:
     """The two-sided p-value of a share of time, consistent with :func:`time_share_interval`."""
     from scipy.special import ndtr
 
@@ -161,16 +159,14 @@ def judged_at(p_values: Array) -> Array:
     return levels
 
 
-def _trials(moments: Moments) -> tuple[float, float, int]:
-    """A share of time, the number of independent trials with the variance that the runs show, and the number of
-    runs.
-    """
+def _trials(moments: SampleMoments) -> tuple[float, float, int]:
+    """A share of time, how many independent trials have the variance that the runs show, and the number of runs."""
     mean, error, n = _parts(moments)
     share = min(max(mean, 0.0), 1.0)  # rounding may push a sum of shares of time just past one
     return share, share * (1.0 - share) / error**2 if n > 1 and error > 1e-12 else float(n), n
 
 
-def _parts(moments: Moments) -> tuple[float, float, int]:
+def _parts(moments: SampleMoments) -> tuple[float, float, int]:
     """Mean, standard error and number of runs, from the moments of single numbers."""
     n = int(moments.count)
     mean = float(moments.mean[0]) if n else np.nan

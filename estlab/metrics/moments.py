@@ -9,7 +9,7 @@ from estlab.maths.space import Array
 
 
 @dataclass(frozen=True)
-class Moments:
+class SampleMoments:
     """Number (*shape), mean (p, *shape) and scatter (p, p, *shape) of vectors of p numbers, one vector per run.
 
     A run with a NaN in a vector does not count in that vector's moments.
@@ -20,7 +20,7 @@ class Moments:
     scatter: Array
 
     @classmethod
-    def of(cls, values: Array) -> "Moments":
+    def of(cls, values: Array) -> "SampleMoments":
         """The moments of a block's values (p, *shape, runs)."""
         known = np.isfinite(values).all(axis=0)
         count = known.sum(axis=-1)
@@ -28,33 +28,31 @@ class Moments:
         off = np.where(known, values - mean[..., None], 0.0)
         return cls(count, mean, np.einsum("i...r,j...r->ij...", off, off))
 
-    def plus(self, other: "Moments") -> "Moments":
-        """The moments of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many
-        are added.
-        """
+    def plus(self, other: "SampleMoments") -> "SampleMoments":
+        """Of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many are added."""
         count = self.count + other.count
         share = other.count / np.maximum(count, 1)
         shift = other.mean - self.mean
         between = shift[:, None] * shift[None, :] * (self.count * share)
-        return Moments(count, self.mean + shift * share, self.scatter + other.scatter + between)
+        return SampleMoments(count, self.mean + shift * share, self.scatter + other.scatter + between)
 
     @property
     def cov(self) -> Array:
         """The unbiased covariance (p, p, *shape); NaN for fewer than two runs."""
         return self.scatter / np.where(self.count > 1, self.count - 1, np.nan)
 
-    def at(self, *index: int) -> "Moments":
+    def at(self, *index: int) -> "SampleMoments":
         """The moments at a place of the shape."""
         place: Any = (..., *index)
-        return Moments(self.count[place], self.mean[place], self.scatter[place])
+        return SampleMoments(self.count[place], self.mean[place], self.scatter[place])
 
-    def component(self, i: int) -> "Moments":
+    def component(self, i: int) -> "SampleMoments":
         """The moments of one of the numbers of each vector."""
-        return Moments(self.count, self.mean[i : i + 1], self.scatter[i : i + 1, i : i + 1])
+        return SampleMoments(self.count, self.mean[i : i + 1], self.scatter[i : i + 1, i : i + 1])
 
-    def leading(self, size: int) -> "Moments":
+    def leading(self, size: int) -> "SampleMoments":
         """The moments of the first numbers of each vector."""
-        return Moments(self.count, self.mean[:size], self.scatter[:size, :size])
+        return SampleMoments(self.count, self.mean[:size], self.scatter[:size, :size])
 
 
 class Histogram:

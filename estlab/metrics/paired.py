@@ -9,7 +9,7 @@ import numpy as np
 
 from estlab.maths.space import Array, Space
 from estlab.metrics.intervals import LEVEL, Estimate, holm, judged_at, mean_interval, share_interval, t_test, widened
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import has_whole, quietly
 
 _TOGETHER = ("position_square", "state_square")
@@ -26,7 +26,7 @@ class Comparison:
 
     space: Space
     repeated: bool = False
-    moments: dict[tuple[str, str], Moments] = field(default_factory=dict)
+    moments: dict[tuple[str, str], SampleMoments] = field(default_factory=dict)
     wins: dict[tuple[str, str], Array] = field(default_factory=dict)
     met: dict[tuple[str, str], Array] = field(default_factory=dict)
 
@@ -49,7 +49,7 @@ class Comparison:
             better, equal = known & (both[0] < both[1]), known & (both[0] == both[1])
             self.wins[a, b] = better.sum(axis=-1) + 0.5 * equal.sum(axis=-1)
             self.met[a, b] = known.sum(axis=-1)
-            self.moments[a, b] = Moments.of(both)
+            self.moments[a, b] = SampleMoments.of(both)
 
     def plus(self, other: "Comparison") -> "Comparison":
         """The runs of both."""
@@ -117,7 +117,7 @@ class Comparison:
         first, second = 0.5 / roots
         scatter = moments.scatter
         spread = first * first * scatter[0, 0] - 2.0 * first * second * scatter[0, 1] + second * second * scatter[1, 1]
-        line = Moments(moments.count, np.array([value]), np.array([[max(spread, 0.0)]]))
+        line = SampleMoments(moments.count, np.array([value]), np.array([[max(spread, 0.0)]]))
         return mean_interval(line), t_test(line, 0.0)
 
     @property

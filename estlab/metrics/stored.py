@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from estlab.maths.space import Array
-from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.paired import Comparison
 from estlab.metrics.tally import CAUSES, Tally
 
@@ -68,12 +68,12 @@ def below(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
-def _moments_arrays(name: str, moments: Moments) -> Iterator[tuple[str, Array]]:
+def _moments_arrays(name: str, moments: SampleMoments) -> Iterator[tuple[str, Array]]:
     yield f"{name}/count", moments.count
     yield f"{name}/mean", moments.mean
     yield f"{name}/scatter", moments.scatter
 
 
-def _moments_of(arrays: Mapping[str, Array]) -> dict[str, Moments]:
+def _moments_of(arrays: Mapping[str, Array]) -> dict[str, SampleMoments]:
     names = dict.fromkeys(name.rpartition("/")[0] for name in arrays)
-    return {n: Moments(arrays[f"{n}/count"], arrays[f"{n}/mean"], arrays[f"{n}/scatter"]) for n in names}
+    return {n: SampleMoments(arrays[f"{n}/count"], arrays[f"{n}/mean"], arrays[f"{n}/scatter"]) for n in names}

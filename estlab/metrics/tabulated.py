@@ -17,7 +17,7 @@ from estlab.metrics.intervals import (
     time_share_interval,
 )
 from estlab.metrics.laws import SIGMAS, within
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import quietly
 from estlab.metrics.tally import CAUSES, Tally
 from estlab.metrics.verdict import Verdict
@@ -264,7 +264,7 @@ def histogram_rows(tally: Tally) -> list[dict[str, object]]:
     return rows
 
 
-def _share_of_runs(moments: Moments) -> Estimate:
+def _share_of_runs(moments: SampleMoments) -> Estimate:
     n = int(moments.count)
     return share_interval(float(moments.mean[0]) if n else np.nan, n)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.scores import (
     LAGS,
     Limits,
@@ -50,7 +50,7 @@ class Tally:
     sampled: bool = False
     gated: bool = False
     sums: dict[str, Array] = field(default_factory=dict)
-    moments: dict[str, Moments] = field(default_factory=dict)
+    moments: dict[str, SampleMoments] = field(default_factory=dict)
     histograms: dict[str, Histogram] = field(default_factory=dict)
     diverged: dict[str, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     diverged_first: dict[str, list[int]] = field(default_factory=lambda: {cause: [] for cause in CAUSES})
@@ -81,9 +81,9 @@ class Tally:
         for name, values in squares.items():
             self.histograms[name] = Histogram(values.shape[:-1])
             self.histograms[name].add(values if name == "anees" else np.sqrt(values))
-        self.moments["bias"] = Moments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
-        self.moments["scaled"] = Moments.of(_mean(scores.scaled, np.isfinite(scores.scaled), 1))
-        self.moments["correlation"] = Moments.of(correlations(scores.whitened, LAGS))
+        self.moments["bias"] = SampleMoments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
+        self.moments["scaled"] = SampleMoments.of(_mean(scores.scaled, np.isfinite(scores.scaled), 1))
+        self.moments["correlation"] = SampleMoments.of(correlations(scores.whitened, LAGS))
         broken = scores.not_finite | scores.not_definite
         return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
 
@@ -186,7 +186,7 @@ class Tally:
 
     def _take_moments(self, **values: Array) -> None:
         """Add single numbers (*shape), each entry of the shape separately."""
-        self.moments |= {name: Moments.of(array[None]) for name, array in values.items()}
+        self.moments |= {name: SampleMoments.of(array[None]) for name, array in values.items()}
 
     def _count_diverged(self, scores: Scores, numbers: Sequence[int]) -> None:
         for cause in CAUSES:

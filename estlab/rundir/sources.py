@@ -11,7 +11,7 @@ _MODULE_BYTES, _ALL_BYTES, _MODULES = 2**20, 2**24, 1000
 _NAME = re.compile(r"\w+(\.\w+)*")
 
 
-class Source(NamedTuple):
+class PluginSource(NamedTuple):
     """A module by its dotted name, the file that it was read from, the file's SHA-256 and, if kept, its text."""
 
     module: str
@@ -20,9 +20,9 @@ class Source(NamedTuple):
     text: bytes | None
 
 
-def sources(packages: Iterable[str]) -> list[Source]:
+def sources(packages: Iterable[str]) -> list[PluginSource]:
     """Of each module of these packages that is imported, its file as it is now; the text of Python's, up to a size."""
-    found: list[Source] = []
+    found: list[PluginSource] = []
     room = _ALL_BYTES
     for name in sorted(_imported(packages))[:_MODULES]:
         file = getattr(sys.modules[name], "__file__", None)
@@ -36,7 +36,7 @@ def sources(packages: Iterable[str]) -> list[Source]:
             continue  # gone since it was imported, or in an archive
         kept = file.endswith(".py") and len(content) <= min(room, _MODULE_BYTES)
         room -= len(content) * kept
-        found.append(Source(name, file, hashlib.sha256(content).hexdigest(), content if kept else None))
+        found.append(PluginSource(name, file, hashlib.sha256(content).hexdigest(), content if kept else None))
     return found
 
 

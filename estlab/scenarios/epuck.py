@@ -129,7 +129,9 @@ class Epuck(Scenario):
         if record.time.size < 2:
             raise UserError("steps must be >= 2: the files need three rows, the first two for the initial estimate")
         kept = slice(record.time.size + 1)
-        return files.write(files.Recording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix)
+        return files.write(
+            files.EpuckRecording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix
+        )
 
     def draw(self, axes: "Axes", history: History) -> None:
         axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")

@@ -170,7 +170,7 @@ class Landmark(Scenario):
         control = np.concatenate([record.control[:, :, 0].T, np.zeros((1, 2))])
         seen = np.isfinite(record.readings.values[:, :, 0]).all(axis=0)
         assert record.origin is not None
-        recording = mrclam.Recording(
+        recording = mrclam.LandmarkRecording(
             odometry=np.column_stack([time, control]),
             truth=np.column_stack([time, np.concatenate([record.origin[:, 0][None], record.truth[:, :, 0].T])]),
             reading_time=record.time[record.readings.step[seen]],

@@ -35,7 +35,9 @@ class Timeline:
     remarks: tuple[str, ...]
 
 
-def timeline(recording: mrclam.Recording, truth_gap: float, clock_gap: float, reading_sds: list[float]) -> Timeline:
+def timeline(
+    recording: mrclam.LandmarkRecording, truth_gap: float, clock_gap: float, reading_sds: list[float]
+) -> Timeline:
     """The steps from the first time on at which the robot's pose is known.
 
     truth_gap: truth is not interpolated over a longer one; clock_gap: no reading counts later after the last command
@@ -89,7 +91,7 @@ class _Truth:
         pose[2, ~(good[0] == 1.0)] = np.nan
         return pose
 
-    def start(self, command_time: Array, recording: mrclam.Recording) -> float:
+    def start(self, command_time: Array, recording: mrclam.LandmarkRecording) -> float:
         """The first time of a command at which all is known."""
         known = np.isfinite(self.at(command_time)).all(axis=0)
         if not known.any():
@@ -101,7 +103,7 @@ class _Truth:
 
 
 def _pose_from_readings(
-    recording: mrclam.Recording, time: Array, in_time: Array, reading_sds: list[float]
+    recording: mrclam.LandmarkRecording, time: Array, in_time: Array, reading_sds: list[float]
 ) -> tuple[float, Array, Array]:
     """When two landmarks apart are first seen together, the pose that fits them best, and what it is good to.
 
@@ -129,7 +131,7 @@ def _pose_from_readings(
 
 
 def _left_out(
-    recording: mrclam.Recording, reading_time: Array, in_time: Array, command_time: Array, gap: float
+    recording: mrclam.LandmarkRecording, reading_time: Array, in_time: Array, command_time: Array, gap: float
 ) -> tuple[str, ...]:
     if in_time.all():
         return ()
@@ -150,7 +152,9 @@ def _late_start(start: float, gap: float, known: bool) -> tuple[str, ...]:
     return (f"starts {start:.4g} s after the first command, {why}",)
 
 
-def _agreement(recording: mrclam.Recording, truth: _Truth, command_time: Array, reading_time: Array) -> tuple[str, ...]:
+def _agreement(
+    recording: mrclam.LandmarkRecording, truth: _Truth, command_time: Array, reading_time: Array
+) -> tuple[str, ...]:
     x, y, heading = truth.at(reading_time)
     dx, dy = recording.landmarks[:, recording.landmark_number] - np.stack([x, y])
     measurement, odometry = (str(recording.paths[kind]) for kind in ("measurement", "odometry"))

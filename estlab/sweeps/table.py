@@ -9,7 +9,7 @@ import numpy as np
 
 from estlab import rundir
 from estlab.metrics.intervals import mean_interval
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
 from estlab.rundir import files
 from estlab.sweeps import split, state
@@ -109,7 +109,7 @@ def group_rows(rows: Sequence[SweepRow], planned: Sequence[Planned]) -> list[Swe
             continue  # jobs that failed before they had a filter's name, beside others of their group
         cells = dict(zip(keys, values, strict=True)) | {"repeats": str(len(ok))}
         for column in columns:
-            mean = mean_interval(Moments.of(np.array([[float(row[column] or "nan") for row in ok]])))
+            mean = mean_interval(SampleMoments.of(np.array([[float(row[column] or "nan") for row in ok]])))
             numbers = {column: mean.value, f"{column}.low": mean.low, f"{column}.high": mean.high}
             cells |= {name: "" if np.isnan(number) else repr(float(number)) for name, number in numbers.items()}
         found.append(cells)

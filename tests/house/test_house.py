@@ -3,7 +3,7 @@
 import re
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
@@ -36,3 +36,11 @@ def test_a_module_is_named_once_and_the_table_of_rooms_names_it():
     assert [name for name, count in names.items() if count > 1] == []
     rooms = (ROOT / "docs" / "design.md").read_text().partition("## Rooms")[2].partition("\n## ")[0]
     assert sorted(set(names) - set(re.findall(r"\w+", rooms))) == [], "docs/design.md, Rooms"
+
+
+def test_a_public_class_is_named_once():
+    homes = defaultdict(list)
+    for path in (ROOT / "estlab").rglob("*.py"):
+        for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(), re.MULTILINE):
+            homes[name].append(str(path.relative_to(ROOT)))
+    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}

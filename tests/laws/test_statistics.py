@@ -16,7 +16,7 @@ from estlab.maths.space import Space
 from estlab.metrics import series
 from estlab.metrics.digits import bracketed, figure, interval
 from estlab.metrics.intervals import Estimate, holm
-from estlab.metrics.moments import Histogram, Moments
+from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.paired import Comparison
 from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, score
@@ -47,7 +47,7 @@ def test_moments_added_in_any_blocks_are_those_of_all_at_once(sizes, seed):
     random = np.random.default_rng(seed)
     values = 1e4 + random.standard_normal((2, 3, sum(sizes)))
     values[random.random(values.shape) < 0.2] = np.nan
-    parts = [Moments.of(block) for block in np.split(values, np.cumsum(sizes)[:-1], axis=-1)]
+    parts = [SampleMoments.of(block) for block in np.split(values, np.cumsum(sizes)[:-1], axis=-1)]
     added = parts[0]
     for part in parts[1:]:
         added = added.plus(part)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from estlab.maths.seeding import seeded
 from estlab.maths.streams import Streams
 from tests.conftest import options, settings
 
@@ -20,6 +21,16 @@ def test_streams_of_other_names_seeds_and_runs_differ():
         for key in [(1, "a", "b", 0), (2, "a", "b", 0), (1, "c", "b", 0), (1, "a", "d", 0), (1, "a", "b", 1)]
     }
     assert len(drawn) == 5
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**31, 2**32, 2**127, 2**128, 2**200])
+@pytest.mark.parametrize("key", [(), (5,), (0, 1, 2, 2**32 - 1)])
+def test_streams_of_many_runs_are_those_that_numpy_seeds(seed, key):
+    runs = [0, 1, 3, 12345, 2**32 - 1]
+    for some in (runs, [*runs, 2**32], runs[:1]):
+        for run, stream in zip(some, seeded(seed, key, some), strict=True):
+            own = np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(*key, run)))
+            assert stream.bit_generator.state == own.state
 
 
 @pytest.mark.parametrize("scenario", options("scenario"))

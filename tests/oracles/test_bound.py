@@ -10,7 +10,7 @@ from estlab.maths.space import Space
 from estlab.maths.streams import Streams
 from estlab.metrics.bound import posterior_bound
 from estlab.metrics.intervals import mean_interval
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Readings
 from estlab.scenarios import simulation
@@ -171,7 +171,7 @@ def test_the_optimal_estimator_does_not_beat_it_and_comes_near():
         weights = (moved @ weights) * np.exp(-0.5 * off**2 / BLUR)
         weights = weights / weights.sum(axis=0)
         least = grid**2 @ weights - (grid @ weights) ** 2
-        assert bound[k] <= mean_interval(Moments.of(least[None])).high
+        assert bound[k] <= mean_interval(SampleMoments.of(least[None])).high
         assert bound[k] >= 0.95 * least.mean()
 
 

@@ -20,7 +20,7 @@ from estlab.metrics.intervals import (
     time_share_test,
 )
 from estlab.metrics.laws import nees_law, within
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.metrics.verdict import BIASED, CONSERVATIVE, MEASUREMENT, OVERCONFIDENT, PROCESS, Tolerance, judge
 
 # Of 400 replications at 5 %, a share of 2.5 to 8 % is passed with probability 0.99.
@@ -99,7 +99,7 @@ def test_the_inclination_of_a_covariance_of_half_the_size_is_three_decibels():
 
 def test_students_test_and_interval_are_scipys():
     values = np.random.default_rng(3).standard_normal((2, 12)) + 0.4
-    one = Moments.of(values[:1])
+    one = SampleMoments.of(values[:1])
     assert t_test(one, 0.1) == pytest.approx(stats.ttest_1samp(values[0], 0.1).pvalue, rel=1e-10)
     low, high = stats.t.interval(0.95, 11, values[0].mean(), stats.sem(values[0]))
     assert mean_interval(one)[1:3] == pytest.approx((low, high), rel=1e-10)
@@ -112,15 +112,15 @@ def test_a_test_rejects_just_where_its_interval_leaves_out_what_should_be(level)
     random = np.random.default_rng(4)
     rejected = []
     for _ in range(150):
-        moments = Moments.of(random.gamma(2.0, 0.5, (1, 15)) * 1.3)
+        moments = SampleMoments.of(random.gamma(2.0, 0.5, (1, 15)) * 1.3)
         found = positive_interval(moments, level)
         assert (positive_test(moments, 1.0) < level) == (not found.low <= 1.0 <= found.high)
-        shares = Moments.of(random.beta(2.0, 0.6, (1, 12)))
+        shares = SampleMoments.of(random.beta(2.0, 0.6, (1, 12)))
         found = time_share_interval(shares, level)
         assert (time_share_test(shares, 0.85) < level) == (not found.low <= 0.85 <= found.high)
         rejected.append(time_share_test(shares, 0.85) < level)
     assert level < 0.01 or 0 < sum(rejected) < 150
-    same = Moments.of(np.full((1, 30), 0.7))
+    same = SampleMoments.of(np.full((1, 30), 0.7))
     found = time_share_interval(same, level)
     assert (time_share_test(same, 0.889) < level) == (found.high < 0.889)
 
@@ -142,7 +142,7 @@ def test_intervals_of_shares_of_time_hold_for_few_runs(runs):
         errors[k] = 0.9 * errors[k - 1] + np.sqrt(0.19) * errors[k]
     for sigmas in (1, 2, 3):
         shares = (np.abs(errors) <= sigmas).mean(axis=0)
-        found = [time_share_interval(Moments.of(each[None])) for each in shares]
+        found = [time_share_interval(SampleMoments.of(each[None])) for each in shares]
         assert np.mean([not f.low <= within(sigmas) <= f.high for f in found]) <= 0.09
 
 
@@ -184,13 +184,13 @@ def test_the_laws_of_nees_are_those_of_scipy():
 
 
 def test_a_share_of_time_that_all_runs_agree_on_is_that_of_one_trial_a_run():
-    same = time_share_interval(Moments.of(np.full((1, 30), 0.5)))
+    same = time_share_interval(SampleMoments.of(np.full((1, 30), 0.5)))
     assert same == pytest.approx(share_interval(0.5, 30))
-    spread = time_share_interval(Moments.of(np.array([[0.0, 1.0] * 15])))
+    spread = time_share_interval(SampleMoments.of(np.array([[0.0, 1.0] * 15])))
     # Of 29 independent trials, and fewer since their variance is estimated.
     fewer = 29 * (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 29)) ** 2
     assert spread == pytest.approx((*share_interval(0.5, fewer)[:3], 30))
-    steady = time_share_interval(Moments.of(np.array([[0.45, 0.55] * 15])))
+    steady = time_share_interval(SampleMoments.of(np.array([[0.45, 0.55] * 15])))
     assert steady.high - steady.low < 0.15 * (same.high - same.low)
     low, high = stats.binomtest(15, 30).proportion_ci(method="wilson")
     assert same[1:3] == pytest.approx((low, high), rel=1e-9)

@@ -16,7 +16,7 @@ from estlab.maths.sigma_points import Cubature
 from estlab.maths.streams import Streams
 from estlab.metrics import series
 from estlab.metrics.intervals import chi_square_band, mean_interval
-from estlab.metrics.moments import Moments
+from estlab.metrics.moments import SampleMoments
 from estlab.record import Readings
 from tests import linear
 from tests.conftest import estimate, metrics, tallied
@@ -202,7 +202,7 @@ def test_the_chi_square_band_is_scipys():
 
 
 def test_intervals_of_one_run_are_not_invented():
-    value, low, high, n = mean_interval(Moments.of(np.array([[3.0, np.nan]])))
+    value, low, high, n = mean_interval(SampleMoments.of(np.array([[3.0, np.nan]])))
     assert (value, n) == (3.0, 1)
     assert np.isnan([low, high]).all()
-    assert np.isnan(mean_interval(Moments.of(np.array([[np.nan]]))).value)
+    assert np.isnan(mean_interval(SampleMoments.of(np.array([[np.nan]]))).value)
