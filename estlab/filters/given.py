@@ -1,4 +1,4 @@
-"""A record as compiled code takes it."""
+"""A record in the form that compiled code takes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ from estlab.record import Record
 
 @dataclass(frozen=True)
 class FilterSetup:
-    """A filter with its models, and what to do with several readings at one time: see estlab.filters.loop.Loop."""
+    """A filter with its models, and how it uses several readings at one time: see estlab.filters.loop.Loop."""
 
     filter: Filter
     motion: Motion
@@ -27,12 +27,12 @@ class FilterSetup:
     pause: float
 
     def method(self) -> Method:
-        """The filter, by what its steps do. Raises ValueError for one that is not compiled, or not with this scheme."""
+        """The filter, described by its steps. Raises ValueError if it cannot be compiled, or not with this scheme."""
         method = method_of(self.filter, self.motion, self.sensor)
         if self.scheme == "stacked" and method.augmented and method.transform == "points":
             raise ValueError(
-                "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings "
-                "there are; take engine=numpy"
+                "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on "
+                "the number of readings; set engine=numpy"
             )
         return method
 
@@ -41,9 +41,9 @@ class FilterSetup:
 class Shape:
     """What the text of a program depends on, besides filter and models.
 
-    controls: components of a command. each_control, each_noise: whether runs have their own. noise: the entries of the
-    process noise that are not zero. count: readings taken as one. masked: whether numbers of readings are missing.
-    each_landmark: whether a reading of one run may be about another landmark than of the next. lanes: runs at once.
+    controls: components of a command. each_control, each_noise: whether they differ between runs. noise: the entries
+    of the process noise that are not zero. count: readings used as one. masked: whether parts of readings are
+    missing. each_landmark: whether the runs' readings may be about different landmarks. lanes: runs at once.
     """
 
     controls: int

@@ -204,7 +204,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["list", "--config-dir", "nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
         (["list", "--cfg", "job"], "estlab list has no --cfg (see estlab list --help)"),
         (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
-        (["run", "seed=1e30"], "seed is too large a number"),
+        (["run", "seed=1e30"], "seed is too large"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
         (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
@@ -231,7 +231,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "data=[1,2]"], "data=[1,2]: write the name of one"),
         (["run", "filter=???"], "filter=???: write the name of one"),
         (["run", "scenario=car,field"], "scenario=car,field: a run takes one value, estlab sweep several"),
-        (["run", "runs={}"], "runs must be a whole number, got {}"),
+        (["run", "runs={}"], "runs must be an integer, got {}"),
         (["sweep", "seed=range(1,3,0)"], "seed=range(1,3,0): range() arg 3 must not be zero"),
         (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of a sweep, once"),
         (["sweep", "--resume", "--dry-run"], "--resume takes the directory of a sweep, once"),
@@ -331,7 +331,7 @@ def test_smoothing_is_a_second_set_of_tables(capsys):
     capsys.readouterr()
     assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
     assert capsys.readouterr().err.startswith(
-        "estlab: smooth=true with pf: the smoother is that of the Gaussian family"
+        "estlab: smooth=true with pf: this filter has no smoother; use one of the Gaussian family"
     )
 
 

@@ -14,10 +14,10 @@ from tests import pendulum
 from tests.tracing import compiled
 
 WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "report=false"]
-TAKE = "; take engine=numpy"
+TAKE = "; set engine=numpy"
 KNOWN = f"it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter{TAKE}"
 STACKED = (
-    "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings there are"
+    "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on the number of readings"
     f"{TAKE}"
 )
 
