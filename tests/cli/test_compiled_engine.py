@@ -17,7 +17,8 @@ WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "repor
 TAKE = "; set engine=numpy"
 KNOWN = f"it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter{TAKE}"
 STACKED = (
-    "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on the number of readings"
+    "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on "
+    "the number of readings"
     f"{TAKE}"
 )
 
