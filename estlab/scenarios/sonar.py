@@ -1,4 +1,4 @@
-"""A kidnapped robot that hears how far the nearest beacons are. Seed document 000, problem IV."""
+"""A kidnapped robot that measures the distances of the nearest beacons. Seed document 000, problem IV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_GOALS = 64  # places that a simulated robot heads for, one after another, then again from the first
+_GOALS = 64  # places that a simulated robot visits one after another, then again from the first
 _ARRIVED = 1.0  # [m] from such a place
 
 
 @dataclass(frozen=True)
 class Sonar(Scenario):
-    """A robot that knows the map and the beacons but not where it is; simulated, or the document's two files."""
+    """A robot that knows the map and the beacons but not its position; simulated, or the document's two files."""
 
     file_names = problem4.LAYOUT
     of_simulation: ClassVar = ("duration", "speed", "turn_rate", "bounds", "margin", "beacons")
@@ -95,7 +95,7 @@ class Sonar(Scenario):
         )
 
     def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
-        # A reading does not say which beacons it heard, so it is about all of them and about no single place.
+        # A reading does not identify its beacons, so it is about all of them and about no single place.
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
         return Sensor(
             sonar_beams.READING,
@@ -149,7 +149,7 @@ class Sonar(Scenario):
         axes.plot(*history.landmarks, "k^", ms=8, label="beacons")
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
-        """How well each place fits the sonar at three times: what a particle is weighed by."""
+        """How well each place fits the sonar at three times: the likelihood that weights a particle."""
         from matplotlib.figure import Figure
 
         history = next(iter(histories.values()))
@@ -168,7 +168,7 @@ class Sonar(Scenario):
             axes.plot(*history.landmarks, "k^", ms=6, mfc="white", label="beacons")
             axes.plot(*history.truth[:2, step], "o", color="C3", ms=7, mfc="none", mew=2, label="robot")
             for i, (name, one) in enumerate(histories.items()):
-                # C3 is the robot's, as it is the bands' in the other pictures.
+                # C3 is the robot's colour, as it is the bands' in the other pictures.
                 colour = f"C{i + (i > 2)}"
                 axes.plot(*one.mean[:2, step], "x", color=colour, ms=7, mew=2, label=f"{name}, mean")
             axes.set(title=f"{history.time[step]:.1f} s", aspect="equal", xlabel="x [m]")
@@ -179,7 +179,7 @@ class Sonar(Scenario):
         return {"likelihood.png": figure}
 
     def _wander(self, streams: Streams, runs: Sequence[int], steps: int) -> tuple[Array, Array]:
-        """A robot on its way from place to place: truth (3, T, runs), and [ds dth] as it moved (2, T, runs)."""
+        """A robot that drives from place to place: truth (3, T, runs), and [ds dth] as it moved (2, T, runs)."""
         low = np.array([self.bounds[0], self.bounds[2]]) + self.margin
         width = np.array([self.bounds[1], self.bounds[3]]) - self.margin - low
         begin = streams.uniforms("start", runs, (3,))
@@ -192,7 +192,7 @@ class Sonar(Scenario):
             dx, dy = goals[:, goal, every] - pose[:2]
             off = wrap(np.arctan2(dy, dx) - pose[2])
             turn = np.clip(off, -most, most)
-            # Slower the farther off course, so that no place is circled for ever.
+            # Slower the farther off course, so that the robot does not circle a place forever.
             way = self.speed * self.dt * np.maximum(np.cos(off - turn), 0.1)
             moved[:, k] = way, turn
             pose = sonar_beams.SPACE.plus(
