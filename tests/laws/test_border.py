@@ -43,7 +43,7 @@ MOTIONS = [
     (Q, "[[variance / dt]], 1)", "noise_cov returned a list of 1; must be an array (1, 1)"),
     (Q, "variance / dt, 1)", "noise_cov returned the number"),
     (Q, "np.array([variance / dt]), 1)", "noise_cov returned an array (1,); must be an array (1, 1)"),
-    (Q, "np.array([[-variance]]), 1)", "noise_cov returned a matrix with the variance -0.04; a covariance must be positive"),
+    (Q, "np.array([[-variance]]), 1)", "noise_cov returned a matrix with the variance -0.04; a covariance must be"),
     (Q, "np.array([[np.nan]]), 1)", "noise_cov returned nan at [0, 0]; must be finite"),
     (Q, "np.eye(2), 1)", "noise_cov returned an array (2, 2); must be an array (1, 1)"),
     (Q, "np.array([[1, 'a']]), 1)", "noise_cov returned an array (1, 2) of <U"),
