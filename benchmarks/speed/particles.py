@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.speed.cases import settings_of
 from benchmarks.speed.plain_particles import Found, Problem, bootstrap
 from benchmarks.speed.turns import Row, faster
-from estlab.filters.loop import Loop
+from estlab.experiment.monte_carlo import loop_of
 from estlab.maths.streams import Streams
 from estlab.record import Estimates, Record
 
@@ -33,12 +33,12 @@ def rows() -> Iterator[Row]:
 class Case:
     """The sonar scenario's robots, and both filters over them with the same random numbers."""
 
-    def __init__(self, particles: int, runs: range, steps: int) -> None:
-        settings = settings_of("scenario=sonar", "filter=pf", f"filter.particles={particles}")
+    def __init__(self, particles: int, runs: range, steps: int, engine: str = "compiled") -> None:
+        settings = settings_of("scenario=sonar", "filter=pf", f"filter.particles={particles}", f"engine={engine}")
         scenario, noise = settings.scenario, settings.noise.filter
         self.runs, self.particles = runs, particles
         self.record: Record = scenario.simulate(Streams(SEED, "sonar"), runs, noise).first(steps)
-        self.loop = Loop(settings.filter, scenario.motion(noise), scenario.sensor(noise, self.record.landmarks))
+        self.loop = loop_of(settings, settings.filter, self.record.landmarks)
         sds = np.array(scenario.process_sd), np.array(scenario.measurement_sd)
         self.problem = Problem(self.record.prior.low, self.record.prior.high, self.record.landmarks.T, *sds)
 

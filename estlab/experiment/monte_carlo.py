@@ -12,9 +12,9 @@ import numpy as np
 from estlab.config.build import Settings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block, block_count
-from estlab.filters.engine import CompiledLoop
 from estlab.filters.filter import Filter
 from estlab.filters.loop import Loop
+from estlab.filters.particle_engine import compiled_loop
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators, Streams
 from estlab.metrics.each_run import EachRun
@@ -125,7 +125,7 @@ def loop_of(settings: Settings, filter: Filter, landmarks: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
     parts = filter, *problem.models_of(scenario, noise, landmarks), *problem.scheme_of(scenario)
-    return Loop(*parts) if settings.engine == "numpy" else CompiledLoop(*parts, insist=settings.engine == "compiled")
+    return Loop(*parts) if settings.engine == "numpy" else compiled_loop(*parts, insist=settings.engine == "compiled")
 
 
 _loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block

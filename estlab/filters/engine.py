@@ -62,7 +62,7 @@ class CompiledLoop(Loop):
         found = self._through(program, given, record, on_step)
         estimates, weak = found.whole(record.runs), found.weak(record.runs)
         if weak.any():
-            _replace(estimates, weak, super().estimate(_take(record, weak), generators))
+            replace_runs(estimates, weak, super().estimate(take_runs(record, weak), generators))
         return estimates
 
     def estimate_and_smooth(
@@ -78,8 +78,8 @@ class CompiledLoop(Loop):
         weak = found.weak(record.runs) | smoothed.weak(record.runs)
         pair = found.whole(record.runs), smoothed.whole(record.runs)
         if weak.any():
-            for mine, numpy in zip(pair, super().estimate_and_smooth(_take(record, weak), generators), strict=True):
-                _replace(mine, weak, numpy)
+            for mine, numpy in zip(pair, super().estimate_and_smooth(take_runs(record, weak), generators), strict=True):
+                replace_runs(mine, weak, numpy)
         return pair
 
     def _given(self, record: Record, generators: Generators) -> Given | None:
@@ -90,10 +90,7 @@ class CompiledLoop(Loop):
             if self.insist:
                 raise
         except (ImportError, OSError) as error:
-            reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
-            if self.insist:
-                raise UserError(f"engine=compiled: {reason}; reinstall it, or set engine=numpy") from error
-            log.warning("engine=numpy, because %s", reason)
+            no_compiler(error, self.insist)
         return None
 
     @cached_property
@@ -106,9 +103,7 @@ class CompiledLoop(Loop):
             try:
                 self._programs[shape, smooth] = FilterProgram(self.setup, shape, smooth)
             except UntraceableError as refusal:
-                if self.insist:
-                    raise UserError(f"engine=compiled cannot trace {refusal}; set engine=numpy") from refusal
-                log.info("engine=numpy, because the models cannot be traced: %s", refusal)
+                untraceable(refusal, self.insist)
                 self._programs[shape, smooth] = None
         return self._programs[shape, smooth]
 
@@ -126,11 +121,26 @@ class CompiledLoop(Loop):
         return found
 
 
+def untraceable(refusal: UntraceableError, insist: bool) -> None:
+    """Say that models are refused: as an error if compiled code is insisted on."""
+    if insist:
+        raise UserError(f"engine=compiled cannot trace {refusal}; set engine=numpy") from refusal
+    log.info("engine=numpy, because the models cannot be traced: %s", refusal)
+
+
+def no_compiler(error: ImportError | OSError, insist: bool) -> None:
+    """Say that the compiler cannot be loaded: as an error if compiled code is insisted on."""
+    reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
+    if insist:
+        raise UserError(f"engine=compiled: {reason}; reinstall it, or set engine=numpy") from error
+    log.warning("engine=numpy, because %s", reason)
+
+
 def _nothing() -> None:
     """For steps that nobody counts."""
 
 
-def _take(record: Record, runs: Array) -> Record:
+def take_runs(record: Record, runs: Array) -> Record:
     """Some of the runs of a record."""
     readings = record.readings
     control = record.control if record.control.shape[2] == 1 else record.control[:, :, runs]
@@ -139,9 +149,14 @@ def _take(record: Record, runs: Array) -> Record:
     return replace(record, truth=record.truth[:, :, runs], control=control, readings=part, prior=prior)
 
 
-def _replace(estimates: Estimates, runs: Array, part: Estimates) -> None:
+def replace_runs(estimates: Estimates, runs: Array, part: Estimates) -> None:
     """Replace those of some runs."""
     for name in ("mean", "cov", "whitened", "log_scale"):
         getattr(estimates, name)[..., runs] = getattr(part, name)
     for name, values in part.notes.items():
         estimates.notes[name][:, runs] = values
+    if estimates.sample is not None and part.sample is not None:
+        estimates.sample[..., runs] = part.sample
+    for name in part.cloud.keys() - {"step"}:  # of the first runs alone
+        kept = part.cloud[name]
+        estimates.cloud[name][..., runs[: kept.shape[-1]]] = kept

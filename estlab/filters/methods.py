@@ -12,23 +12,23 @@ from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, Si
 from estlab.maths.transforms import Linearised, SecondOrder
 from estlab.models.contract import Motion, Sensor
 
-_MOST_POINTS, _MOST_STATES = 128, 24
+_MOST_POINTS, MOST_STATES = 128, 24
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
 def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's number of values is that of one update. Raises ValueError for another filter."""
     n, q, m = motion.space.size, motion.noise_size, sensor.space.size
-    if n > _MOST_STATES:
-        raise ValueError(f"it unrolls states of {_MOST_STATES} components at most, not {n}; set engine=numpy")
+    if n > MOST_STATES:
+        raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
     transform: Any = getattr(filter, "transform", None)
     if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
         points = _points(transform, n)
         return Method("factors", points, points, gated=filter.gate is not None)
     if type(filter) not in (GaussianFilter, DeadReckoning, IteratedFilter):
         raise ValueError(
-            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this "
-            "filter; set engine=numpy"
+            "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
+            "not this filter; set engine=numpy"
         )
     filter = cast(GaussianFilter, filter)
     augmented, gated = filter.noise == "augmented", filter.gate is not None

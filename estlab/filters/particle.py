@@ -11,7 +11,7 @@ from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian, replaced
 from estlab.maths.linalg import cholesky, solve_lower, without
 from estlab.maths.resampling import Scheme, Weights, resample
-from estlab.maths.space import Array
+from estlab.maths.space import Array, Space
 from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
@@ -93,16 +93,14 @@ class ParticleFilter(Filter):
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         before = self._resampled(motion, belief)
-        step = Step.drawn(motion, before.points, control, dt, belief.generators)
-        nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
-        last = step if self.ancestors == "auxiliary" else None
-        return before._replace(points=step.points(), lost=nothing, last=last, fresh=fresh)
+        points, step = self._drawn(motion, before.points, control, dt, belief.generators)
+        return self._after(before._replace(points=points), step)
 
     def update(
         self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
     ) -> tuple[Particles, Innovation]:
-        logs, expected = _weighed(sensor, belief, reading, landmark)
-        weighed = belief._replace(weights=Weights.of_logs(logs))
+        weights, expected = self._weighed(sensor, belief, reading, landmark)
+        weighed = belief._replace(weights=weights)
         innovation = _innovation(sensor, expected, reading)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
@@ -120,7 +118,7 @@ class ParticleFilter(Filter):
         ), innovation
 
     def moments(self, belief: Particles, motion: Motion) -> Gaussian:
-        return cloud.moments(motion.space, belief.points, belief.weights.linear)
+        return self._moments(motion.space, belief.points, belief.weights.linear, belief.generators)
 
     def sample(self, belief: Particles) -> Sample:
         return Sample(belief.weights.size, 1.0 - 1.0 / belief.weights.size)
@@ -137,7 +135,7 @@ class ParticleFilter(Filter):
         if few.size == 0:
             return belief
         generators, weights = belief.generators.take(few), cloud.take(belief.weights.linear, few)
-        chosen = cloud.chosen(belief.points, few, resample(self.resampling, weights, generators))
+        chosen = cloud.chosen(belief.points, few, self._chosen(weights, generators))
         n = chosen.shape[0]
         if self.roughening > 0.0:
             before = cloud.take(belief.points, few)
@@ -147,7 +145,7 @@ class ParticleFilter(Filter):
                 chosen.shape[:2]
             )
         if self.bandwidth > 0.0:
-            moments = cloud.moments(motion.space, cloud.take(belief.points, few), weights)
+            moments = self._moments(motion.space, cloud.take(belief.points, few), weights, generators)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
             width = min(self.bandwidth * best, 1.0)
             # Shrunk toward the mean by as much as the kernel spreads, so that the covariance stays the same. A cloud
@@ -172,32 +170,72 @@ class ParticleFilter(Filter):
         if last is None:
             return belief
         even = Weights.even(*belief.weights.log.shape)
-        guess = belief._replace(points=last.silent().points(), weights=even)
-        likelihood, _ = _weighed(sensor, guess, reading, landmark)
-        first_stage = Weights.of_logs(belief.weights.log + likelihood).linear
-        chosen = resample(self.resampling, first_stage, belief.generators)
+        guess = belief._replace(points=self._moved(last.silent(), belief.generators), weights=even)
+        likelihood, _ = self._looked(sensor, guess, reading, landmark)
+        first_stage = self._weights(belief.weights.log + likelihood).linear
+        chosen = self._chosen(first_stage, belief.generators)
         before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
-        moved = belief._replace(points=last._replace(before=before).points(), weights=even)
-        second, _ = _weighed(sensor, moved, reading, landmark)
-        return moved._replace(weights=Weights.of_logs(second - np.take_along_axis(likelihood, chosen, axis=0)))
+        moved = belief._replace(points=self._moved(last._replace(before=before), belief.generators), weights=even)
+        second, _ = self._looked(sensor, moved, reading, landmark)
+        return moved._replace(weights=self._weights(second - np.take_along_axis(likelihood, chosen, axis=0)))
+
+    def _after(self, belief: Particles, step: Step) -> Particles:
+        """The belief after a step that made its points."""
+        nothing, fresh = np.zeros_like(belief.lost), np.ones_like(belief.fresh)
+        return belief._replace(lost=nothing, last=step if self.ancestors == "auxiliary" else None, fresh=fresh)
+
+    # The work on whole clouds, which compiled code does too: see estlab.filters.compiled_particles.
+
+    def _drawn(
+        self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators
+    ) -> tuple[Array, Step]:
+        """The points (n, N, runs) after a step with random noise; and the step."""
+        step = Step.drawn(motion, points, control, dt, generators)
+        return self._moved(step, generators), step
+
+    def _moved(self, step: Step, generators: Generators) -> Array:
+        """The points (n, N, runs) after a step."""
+        return step.points()
+
+    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Weights, Gaussian]:
+        """The weights given a reading, and the reading that the belief expects."""
+        logs, expected = self._looked(sensor, belief, reading, landmark)
+        return self._weights(logs), expected
+
+    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
+        """Log-weights (N, runs) with log p(reading | point), up to a constant; and the expected reading."""
+        count, runs = belief.weights.log.shape
+        m, whitening = sensor.space.size, whitening_of(sensor, reading)
+        logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
+        for some in cloud.groups(count, runs):
+            look = _Look(sensor, reading[:, some], own(landmark, some), own(whitening, some))
+            expected, squares = look.at(belief.points[..., some])
+            np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
+            mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
+        return logs, Gaussian(mean, cov)
+
+    def _weights(self, logs: Array) -> Weights:
+        """Weights with these logarithms (N, runs), up to a factor. Reuses the array."""
+        return Weights.of_logs(logs)
+
+    def _moments(self, space: Space, points: Array, weights: Array, generators: Generators) -> Gaussian:
+        """Weighted mean (n, runs) and covariance (n, n, runs) of points."""
+        return cloud.moments(space, points, weights)
+
+    def _chosen(self, weights: Array, generators: Generators) -> Array:
+        """Indices (N, runs) of the points that resampling by these weights (N, runs) keeps."""
+        return resample(self.resampling, weights, generators)
 
 
-def _weighed(sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
-    """Log-weights (N, runs) with log p(reading | point), up to a constant; and the reading that the belief expects.
+def whitening_of(sensor: Sensor, reading: Array) -> Array:
+    """What turns differences from a reading (m, runs) into numbers whose squares sum to -log p; (m, m, runs or 1).
 
     A missing number carries no information.
     """
-    m, (count, runs) = sensor.space.size, belief.weights.log.shape
     missing = np.isnan(reading)
-    factor = cholesky(without(sensor.noise_cov, missing))
-    whitening = solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(np.eye(m)[..., None], factor.shape))
-    logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
-    for some in cloud.groups(count, runs):
-        look = _Look(sensor, reading[:, some], own(landmark, some), own(whitening, some))
-        expected, squares = look.at(belief.points[..., some])
-        np.subtract(belief.weights.log[:, some], squares, out=logs[:, some])
-        mean[:, some], cov[..., some] = cloud.moments(sensor.space, expected, belief.weights.linear[:, some])
-    return logs, Gaussian(mean, cov)
+    factor = cholesky(without(sensor.noise_cov, missing) if missing.any() else sensor.noise_cov[..., None])
+    identity = np.eye(sensor.space.size)[..., None]
+    return solve_lower(factor, np.sqrt(0.5) * np.broadcast_to(identity, factor.shape))
 
 
 class _Look(NamedTuple):

@@ -15,7 +15,10 @@ from tests.tracing import compiled
 
 WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "report=false"]
 TAKE = "; set engine=numpy"
-KNOWN = f"it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf and dead_reckoning, not this filter{TAKE}"
+KNOWN = (
+    "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
+    f"not this filter{TAKE}"
+)
 STACKED = (
     "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on "
     "the number of readings"
@@ -50,7 +53,7 @@ def elsewhere(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["filter=pf"], f"engine=compiled with pf: {KNOWN}"),
+        (["filter=enkf"], f"engine=compiled with enkf: {KNOWN}"),
         (["filter=[ekf,enkf]"], f"engine=compiled with enkf: {KNOWN}"),
         (["filter=ukf", "scenario.update=stacked"], f"engine=compiled with ukf: {STACKED}"),
         (
@@ -65,11 +68,13 @@ def test_what_is_not_compiled_is_refused_in_one_line_before_anything_runs(words,
     assert not any(Path("runs").rglob("*.*"))
 
 
-def test_engines_agree_and_auto_is_compiled_where_it_can_be():
+@pytest.mark.parametrize("name", ["ekf", "pf"])
+def test_engines_agree_and_auto_is_compiled_where_it_can_be(name):
     found = {}
-    several = ["filter=[ekf,pf]", "filters.pf.particles=20"]
-    for engine, words, key in (("auto", several, "ekf.mean"), ("numpy", several, "ekf.mean"),
-                               ("compiled", ["filter=ekf"], "mean")):  # fmt: skip
+    several = ["filter=[ekf,pf,enkf]", "filters.pf.particles=20", "filters.enkf.members=5"]
+    alone = [f"filter={name}", *(["filter.particles=20"] if name == "pf" else [])]
+    for engine, words, key in (("auto", several, f"{name}.mean"), ("numpy", several, f"{name}.mean"),
+                               ("compiled", alone, "mean")):  # fmt: skip
         assert main([*WORDS, *words, f"engine={engine}", f"hydra.run.dir={engine}"]) == 0
         found[engine] = np.load(Path(engine) / "estimates.npz")[key]
     assert np.array_equal(found["auto"], found["compiled"])

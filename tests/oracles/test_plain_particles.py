@@ -6,10 +6,11 @@ import pytest
 from benchmarks.speed.particles import Case
 
 
-@pytest.mark.parametrize(("particles", "steps"), [(1000, 60), (25_000, 6)])
-def test_the_particle_filter_finds_what_the_plain_reference_finds(particles, steps):
+@pytest.mark.parametrize("engine", ["numpy", "compiled"])
+@pytest.mark.parametrize(("particles", "steps"), [(1000, 60), (25_003, 6)])
+def test_the_particle_filter_finds_what_the_plain_reference_finds(particles, steps, engine):
     """Among three runs, over several resamplings, whether or not a run is gone through in pieces."""
-    case = Case(particles, range(3), steps)
+    case = Case(particles, range(3), steps, engine)
     found = case.estimated()
     for run in range(3):
         plain = case.plain(run)

@@ -1,0 +1,286 @@
+"""NumPy's random numbers in LLVM's language: the streams of estlab.maths.streams go on in compiled code.
+
+The generator is PCG64, a linear congruential one of 128 bits whose output is the xor of both halves, rotated (O'Neill
+2014, PCG XSL RR 128/64). A uniform number is the upper 53 bits of an output. A normal one is NumPy's ziggurat of 256
+layers (Marsaglia and Tsang 2000; Doornik 2005): the last 8 bits of an output choose the layer, the next one the sign,
+52 the place in it. What lies in a layer's core is taken at once, 99 in 100; the rest is held against the density.
+
+Numbers are NumPy's to the last bit, but for the tail beyond 3.65, one in 4000, whose logarithm may differ in the last
+place. :func:`agrees` holds the code to the NumPy that is there.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from estlab.compiled import emit
+from estlab.compiled.flow import loop
+from estlab.compiled.functions import Lowered
+from estlab.compiled.trace import Tracer
+from estlab.maths.space import Array
+
+_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+_WORD, _STATE = 1 << 64, 1 << 128
+_TAIL = 3.6541528853610088  # where the lowest layer's tail begins
+_TOGETHER = 4  # outputs found side by side, since one found after the other waits for a product of 128 bits
+
+
+def states(generators: list[np.random.Generator]) -> Array:
+    """Where streams stand (runs, 4): state and increment, each its lower and its upper 64 bits.
+
+    Raises ValueError for a generator of another kind.
+    """
+    found = np.empty((len(generators), 4), dtype=np.uint64)
+    for row, generator in zip(found, generators, strict=True):
+        if not isinstance(generator.bit_generator, np.random.PCG64):
+            raise ValueError("it draws from NumPy's PCG64 alone; set engine=numpy")
+        whole = generator.bit_generator.state["state"]
+        row[:] = [part for name in ("state", "inc") for part in (whole[name] % _WORD, whole[name] // _WORD)]
+    return found
+
+
+@cache
+def layers() -> Array:
+    """Of each layer (256, 4): how many places its core has, the width of a place, and the density at both its edges.
+
+    The widths are read out of NumPy itself: for a state whose next output is known, the number is the width.
+    """
+    bits = np.random.PCG64(0)
+    generator, inverse, increment = np.random.Generator(bits), pow(_MULTIPLIER, -1, _STATE), 1
+    width = np.empty(256)
+    for layer in range(256):
+        output = 1 << 9 | layer  # the first place; of less than 2^64, so that nothing is rotated
+        before = (output - increment) * inverse % _STATE
+        bits.state = {"bit_generator": "PCG64", "state": {"state": before, "inc": increment},
+                      "has_uint32": 0, "uinteger": 0}  # fmt: skip
+        width[layer] = generator.standard_normal()
+    edge = width * 2.0**52
+    inner = np.concatenate([[_TAIL, 0.0], edge[1:-1]])
+    density = np.exp(-0.5 * np.concatenate([[0.0], edge[1:]]) ** 2)
+    table = np.empty((256, 4))
+    table[:, 0] = np.rint(inner / edge * 2.0**52).astype(np.int64).view(float)
+    table[:, 1], table[:, 2], table[:, 3] = width, density, np.roll(density, 1)
+    return table
+
+
+def text(lanes: int) -> list[str]:
+    """Functions @normals and @uniforms (state, out, count, layers), which go on with a stream."""
+    return [
+        *_elementary("density", lambda x: (-0.5 * (x * x)).exp(), lanes),
+        *_elementary("logarithm", lambda x: x.log(), lanes),
+        *_uniforms(),
+        *_exact(),
+        *_normals(),
+    ]
+
+
+def agrees(draw: Callable[[Array, Array], None]) -> bool:
+    """Whether what compiled code draws, by a call with states and room (1, count), is what NumPy draws."""
+    generator = np.random.Generator(np.random.PCG64(20))
+    found = np.empty((1, 4096))
+    draw(states([generator]), found)
+    return bool(np.allclose(found[0], generator.standard_normal(found.shape[1]), rtol=1e-13, atol=0.0))
+
+
+def _elementary(name: str, function: Callable[..., object], lanes: int) -> list[str]:
+    """A function of one number at an address, put in its place."""
+    tracer = Tracer()
+    found = function(tracer.leaf("x"))
+    lowered = Lowered(tracer.graph, [found.number])  # type: ignore[attr-defined]
+    return emit.function(name, lowered.graph, [("x", 0, lowered.outputs[0])], {"x": emit.Access("lanes")}, lanes)
+
+
+def _output(v: str, state: str) -> list[str]:
+    """%<v>, the output of a state."""
+    return [
+        f"%{v}_lo = trunc i128 {state} to i64",
+        f"%{v}_up = lshr i128 {state}, 64",
+        f"%{v}_hi = trunc i128 %{v}_up to i64",
+        f"%{v}_x = xor i64 %{v}_lo, %{v}_hi",
+        f"%{v}_by = lshr i64 %{v}_hi, 58",
+        f"%{v} = call i64 @llvm.fshr.i64(i64 %{v}_x, i64 %{v}_x, i64 %{v}_by)",
+    ]
+
+
+def _uniform(v: str, output: str) -> list[str]:
+    """%<v>, the number in [0, 1) that an output makes."""
+    return [
+        f"%{v}_u = lshr i64 {output}, 11",
+        f"%{v}_d = uitofp i64 %{v}_u to double",
+        f"%{v} = fmul double %{v}_d, 0x{np.float64(2.0**-53).view(np.uint64):016X}",
+    ]
+
+
+def _candidate(v: str, output: str) -> list[str]:
+    """%<v>, the number that an output stands for; %<v>_in, whether it lies in the core of its layer, at %<v>_at."""
+    return [
+        f"%{v}_n = and i64 {output}, 255",
+        f"%{v}_m = shl i64 %{v}_n, 2",
+        f"%{v}_at = getelementptr double, ptr %layers, i64 %{v}_m",
+        f"%{v}_r = lshr i64 {output}, 9",
+        f"%{v}_p = and i64 %{v}_r, {(1 << 52) - 1}",
+        f"%{v}_k = load i64, ptr %{v}_at, align 8",
+        f"%{v}_in = icmp ult i64 %{v}_p, %{v}_k",
+        f"%{v}_wat = getelementptr double, ptr %{v}_at, i64 1",
+        f"%{v}_w = load double, ptr %{v}_wat, align 8",
+        f"%{v}_f = sitofp i64 %{v}_p to double",
+        f"%{v}_a = fmul double %{v}_f, %{v}_w",
+        f"%{v}_s = shl i64 {output}, 55",
+        f"%{v}_g = and i64 %{v}_s, {-(1 << 63)}",
+        f"%{v}_b = bitcast double %{v}_a to i64",
+        f"%{v}_c = xor i64 %{v}_b, %{v}_g",
+        f"%{v} = bitcast i64 %{v}_c to double",
+    ]
+
+
+def _next() -> list[str]:
+    return [
+        "define internal i64 @next(ptr %state) #0 {",
+        "%before = load i128, ptr %state, align 8",
+        "%by = getelementptr i64, ptr %state, i64 2",
+        "%increment = load i128, ptr %by, align 8",
+        f"%product = mul i128 %before, {_MULTIPLIER}",
+        "%after = add i128 %product, %increment",
+        "store i128 %after, ptr %state, align 8",
+        *_output("o", "%after"),
+        "ret i64 %o",
+        "}",
+    ]
+
+
+def _uniforms() -> list[str]:
+    body = [
+        "%o = call i64 @next(ptr %state)",
+        *_uniform("u", "%o"),
+        "%place = getelementptr double, ptr %out, i64 %i",
+        "store double %u, ptr %place, align 8",
+    ]
+    return [
+        "declare i64 @llvm.fshr.i64(i64, i64, i64)",
+        *_next(),
+        "define internal void @uniforms(ptr %state, ptr %out, i64 %count, ptr %layers) #0 {",
+        "entry:",
+        *loop("i", "0", "%count", body),
+        "ret void",
+        "}",
+    ]
+
+
+def _exact() -> list[str]:
+    """One normal number, however often it takes."""
+    tail = f"0x{np.float64(_TAIL).view(np.uint64):016X}"
+    inverse = f"0x{np.float64(-1.0 / _TAIL).view(np.uint64):016X}"
+    return [
+        "define internal double @normal(ptr %state, ptr %layers) #0 {",
+        "entry:",
+        "%room = alloca [8 x double], align 64",
+        "br label %again",
+        "again:",
+        "%o = call i64 @next(ptr %state)",
+        *_candidate("x", "%o"),
+        "br i1 %x_in, label %core, label %outside",
+        "core:",
+        "ret double %x",
+        "outside:",
+        "%lowest = icmp eq i64 %x_n, 0",
+        "br i1 %lowest, label %tail, label %wedge",
+        "tail:",  # beyond the lowest layer: an exponential number held against another
+        "%o1 = call i64 @next(ptr %state)",
+        *_uniform("u1", "%o1"),
+        "%left1 = fsub double 1.0, %u1",
+        "store double %left1, ptr %room, align 8",
+        "call void @logarithm(ptr %room)",
+        "%log1 = load double, ptr %room, align 8",
+        f"%beyond = fmul double %log1, {inverse}",
+        "%o2 = call i64 @next(ptr %state)",
+        *_uniform("u2", "%o2"),
+        "%left2 = fsub double 1.0, %u2",
+        "store double %left2, ptr %room, align 8",
+        "call void @logarithm(ptr %room)",
+        "%log2 = load double, ptr %room, align 8",
+        "%twice = fmul double %log2, -2.0",
+        "%square = fmul double %beyond, %beyond",
+        "%taken = fcmp ogt double %twice, %square",
+        "br i1 %taken, label %end, label %tail",
+        "end:",
+        f"%size = fadd double %beyond, {tail}",
+        "%low = lshr i64 %x_p, 8",
+        "%odd = trunc i64 %low to i1",
+        "%other = fneg double %size",
+        "%signed = select i1 %odd, double %other, double %size",
+        "ret double %signed",
+        "wedge:",
+        "%o3 = call i64 @next(ptr %state)",
+        *_uniform("u3", "%o3"),
+        "%lower_at = getelementptr double, ptr %x_at, i64 2",
+        "%upper_at = getelementptr double, ptr %x_at, i64 3",
+        "%lower = load double, ptr %lower_at, align 8",
+        "%upper = load double, ptr %upper_at, align 8",
+        "%height = fsub double %upper, %lower",
+        "%part = fmul double %height, %u3",
+        "%level = fadd double %part, %lower",
+        "store double %x, ptr %room, align 8",
+        "call void @density(ptr %room)",
+        "%under = load double, ptr %room, align 8",
+        "%below = fcmp olt double %level, %under",
+        "br i1 %below, label %core, label %again",
+        "}",
+    ]
+
+
+def _normals() -> list[str]:
+    """Several outputs at once while all lie in their cores and as many are wanted; else one after another."""
+    power, total = 1, 0
+    ahead, several = [], []
+    for k in range(1, _TOGETHER + 1):  # the state after k steps: power * state + total * increment
+        power, total = power * _MULTIPLIER % _STATE, (total * _MULTIPLIER + 1) % _STATE
+        ahead.append(f"%c{k} = mul i128 %increment, {total}")
+        several += [f"%p{k} = mul i128 %before, {power}", f"%s{k} = add i128 %p{k}, %c{k}"]
+        several += [*_output(f"o{k}", f"%s{k}"), *_candidate(f"x{k}", f"%o{k}")]
+    all_in = ["%in1 = and i1 %x1_in, %x1_in"]
+    all_in += [f"%in{k} = and i1 %in{k - 1}, %x{k}_in" for k in range(2, _TOGETHER + 1)]
+    stores = []
+    for k in range(1, _TOGETHER + 1):
+        stores += [f"%at{k} = getelementptr double, ptr %place, i64 {k - 1}",
+                   f"store double %x{k}, ptr %at{k}, align 8"]  # fmt: skip
+    return [
+        "define internal void @normals(ptr %state, ptr %out, i64 %count, ptr %layers) #0 {",
+        "entry:",
+        "%first = load i128, ptr %state, align 8",
+        "%by = getelementptr i64, ptr %state, i64 2",
+        "%increment = load i128, ptr %by, align 8",
+        *ahead,
+        f"%enough = sub i64 %count, {_TOGETHER}",
+        "br label %head",
+        "head:",
+        "%i = phi i64 [0, %entry], [%further, %cores], [%single, %alone]",
+        f"%before = phi i128 [%first, %entry], [%s{_TOGETHER}, %cores], [%after, %alone]",
+        "%place = getelementptr double, ptr %out, i64 %i",
+        "%fits = icmp sle i64 %i, %enough",
+        "br i1 %fits, label %try, label %rest",
+        "try:",
+        *several,
+        *all_in,
+        f"br i1 %in{_TOGETHER}, label %cores, label %one",
+        "cores:",
+        *stores,
+        f"%further = add i64 %i, {_TOGETHER}",
+        "br label %head",
+        "rest:",
+        "%more = icmp slt i64 %i, %count",
+        "br i1 %more, label %one, label %done",
+        "one:",
+        "store i128 %before, ptr %state, align 8",
+        "%number = call double @normal(ptr %state, ptr %layers)",
+        "br label %alone",
+        "alone:",
+        "store double %number, ptr %place, align 8",
+        "%after = load i128, ptr %state, align 8",
+        "%single = add i64 %i, 1",
+        "br label %head",
+        "done:",
+        "store i128 %before, ptr %state, align 8",
+        "ret void",
+        "}",
+    ]

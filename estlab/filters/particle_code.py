@@ -1,0 +1,172 @@
+"""The programs that go over clouds, called on arrays; and the streams that they draw from."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estlab.compiled import cache, numpy_streams, particle_programs
+from estlab.compiled.model_graphs import MotionModel, SensorModel
+from estlab.compiled.particle_routines import EIGHT, Entries
+from estlab.maths.space import Array
+from estlab.maths.streams import Generators
+from estlab.models.contract import Motion, Sensor
+
+
+class ParticleCode:
+    """The programs of a motion and a sensor, each made when it is first wanted. lanes: particles at once.
+
+    What each is given is listed in estlab.compiled.particle_programs. Raises UntraceableError, naming function, file
+    and line, for models that cannot be traced.
+    """
+
+    def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
+        self.motion, self.sensor, self.lanes = motion, sensor, lanes
+        self._programs: dict[Any, tuple[cache.MachineCode, Callable[[int], None]]] = {}
+        self._rooms: dict[str, Array] = {}
+        self._addresses: dict[str, int] = {}
+        self._kept: dict[int, tuple[dict[str, Array], dict[str, int]]] = {}
+
+    @cached_property
+    def agrees(self) -> bool:
+        """Whether normal numbers are those of the NumPy that is here."""
+        layers, row = numpy_streams.layers(), np.zeros(1, dtype=np.int64)
+
+        def draw(state: Array, out: Array) -> None:
+            self.draw(RUNS=1, COUNT=out.size, row=row, state=state, out=out, NORMAL=1, layers=layers)
+
+        return numpy_streams.agrees(draw)
+
+    def draw(self, **given: Any) -> None:
+        """Draw numbers of streams."""
+        self._run("drawing", self._drawing, particle_programs.DRAWING, given)
+
+    def choose(self, **given: Any) -> None:
+        """Find which particles lie at positions."""
+        self._run("choosing", self._choosing, particle_programs.CHOOSING, given)
+
+    def normalise(self, **given: Any) -> None:
+        """Make weights of their logarithms."""
+        self._run("normalising", self._normalising, particle_programs.NORMALISING, given)
+
+    def sum(self, **given: Any) -> None:
+        """Find the moments of clouds of states."""
+        self._run("summing", self._summing, particle_programs.SUMMING, given)
+
+    def move(self, factor: Entries, controls: int, /, **given: Any) -> None:
+        """Move particles. factor: which entries of the noise's factor are not zero; controls: numbers of a command."""
+        motion = self.motion
+
+        def make() -> str:
+            model = MotionModel(motion.space, motion.move, motion.noise_size, controls, None, None)
+            return particle_programs.moving(model, factor, self.lanes)
+
+        self._run((factor, controls), make, particle_programs.MOVING, given)
+
+    def weigh(self, whitening: Entries, count: int, /, **given: Any) -> None:
+        """Hold particles against ``count`` readings as one. whitening: which of its entries are not zero."""
+        sensor = self.sensor
+
+        def make() -> str:
+            model = SensorModel(sensor.space, sensor.state, sensor.measure, len(sensor.landmarks), None, None, count)
+            return particle_programs.weighing(model, whitening, self.lanes)
+
+        self._run(("weighing", whitening, count), make, particle_programs.WEIGHING, given)
+
+    def room(self, name: str, size: int) -> Array:
+        """Room for so many numbers, of no meaning between two calls."""
+        if name not in self._rooms or self._rooms[name].size < size:
+            self._rooms[name] = np.empty(size)
+            self._addresses[name] = self._rooms[name].ctypes.data
+        return self._rooms[name][:size]
+
+    def address(self, name: str, size: int) -> int:
+        """Where that room begins."""
+        if name not in self._rooms or self._rooms[name].size < size:
+            self.room(name, size)
+        return self._addresses[name]
+
+    def common(self, count: int, rows: int, runs: int, generators: "CompiledGenerators | None") -> dict[str, Any]:
+        """What all programs over particles are given. rows: the most components of a vector."""
+        own = generators.fields if generators else {"row": np.arange(runs), "flags": np.empty((runs, EIGHT))}
+        return self._constants(count) | own | {
+            "RUNS": runs, "COUNT": count, "aside": self.address("aside", EIGHT * (3 * rows + 4)),
+            "sums": self.address("sums", EIGHT * (rows * (rows + 3) // 2 + 2)),
+            "pair": self.address("pair", 2), "edge": self.address("edge", count + 1),
+            "position": self.address("position", count + 1),
+        }  # fmt: skip
+
+    def _constants(self, count: int) -> dict[str, int]:
+        """Addresses of what hangs on the number of particles alone."""
+        if count not in self._kept:
+            present, even = np.ones(2 * EIGHT), np.array([-np.log(count), 1.0 / count])
+            present[EIGHT + count % EIGHT :] = 0.0
+            arrays = {"present": present, "even": even, "layers": numpy_streams.layers()}
+            self._kept[count] = arrays, {name: array.ctypes.data for name, array in arrays.items()}
+        return self._kept[count][1]
+
+    def _run(self, key: Any, make: Callable[[], str], names: Sequence[str], given: dict[str, Any]) -> None:
+        if key not in self._programs:
+            program = cache.program(make())
+            self._programs[key] = program, program.function("run")
+        fields = np.array([_word(given.get(name, 0)) for name in names], dtype=np.int64)
+        self._programs[key][1](fields.ctypes.data)
+
+    def _drawing(self) -> str:
+        return particle_programs.drawing(self.lanes)
+
+    def _choosing(self) -> str:
+        return particle_programs.choosing(self.lanes)
+
+    def _normalising(self) -> str:
+        return particle_programs.normalising(self.lanes)
+
+    def _summing(self) -> str:
+        return particle_programs.summing(self.motion.space, self.lanes)
+
+
+class CompiledGenerators(Generators):
+    """Streams of runs that compiled code goes on with, to the same numbers as NumPy.
+
+    state: (R, 4), where the streams stand. flags: (R, 8), not 0 where something of a run was beyond what the code is
+    right for. row: (runs,), which of the R are those of this batch.
+    """
+
+    def __init__(self, code: ParticleCode, state: Array, flags: Array, row: Array) -> None:
+        self.code, self.state, self.flags, self.row = code, state, flags, row
+
+    @cached_property
+    def fields(self) -> dict[str, int]:
+        """The addresses of all three."""
+        return {"state": self.state.ctypes.data, "flags": self.flags.ctypes.data, "row": self.row.ctypes.data}
+
+    @classmethod
+    def at_start(cls, code: ParticleCode, generators: Generators) -> "CompiledGenerators":
+        """The streams where they stand, which stay there. Raises ValueError if code and NumPy draw differently."""
+        state = numpy_streams.states(list(generators))
+        if not code.agrees:
+            raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; set engine=numpy")
+        return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
+
+    def take(self, runs: Array | slice) -> "CompiledGenerators":
+        return CompiledGenerators(self.code, self.state, self.flags, self.row[runs])
+
+    def normals(self, shape: tuple[int, ...]) -> Array:
+        return self._numbers(shape, normal=1)
+
+    def uniforms(self, shape: tuple[int, ...]) -> Array:
+        return self._numbers(shape, normal=0)
+
+    def _numbers(self, shape: tuple[int, ...], normal: int) -> Array:
+        numbers = np.empty((self.row.size, *shape))
+        count = numbers[:1].size
+        self.code.draw(**self.code.common(count, 0, self.row.size, self), out=numbers, NORMAL=normal)
+        return np.moveaxis(numbers, 0, -1)
+
+
+def _word(value: Any) -> int:
+    """A field of a program: an address or a number, of a float its bits."""
+    if isinstance(value, np.ndarray):
+        return value.ctypes.data
+    return int(np.float64(value).view(np.int64)) if isinstance(value, float) else value

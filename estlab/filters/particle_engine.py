@@ -1,0 +1,112 @@
+"""The filter loop of particles with compiled work on clouds."""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from estlab.compiled import cache
+from estlab.compiled.trace import UntraceableError
+from estlab.errors import UserError
+from estlab.filters.compiled_particles import CompiledParticleFilter
+from estlab.filters.engine import CompiledLoop, no_compiler, replace_runs, take_runs, untraceable
+from estlab.filters.filter import Filter
+from estlab.filters.loop import Loop
+from estlab.filters.methods import MOST_STATES
+from estlab.filters.particle import ParticleFilter
+from estlab.filters.particle_code import CompiledGenerators, ParticleCode
+from estlab.maths.space import Array
+from estlab.maths.streams import Generators
+from estlab.record import Estimates, Record
+
+log = logging.getLogger("estlab")
+
+
+class ParticleLoop(Loop):
+    """The same loop to the same numbers but for rounding: the random numbers are the same ones.
+
+    insist, lanes: as for estlab.filters.engine.CompiledLoop, lanes being particles at once. Runs in which an angle lies
+    beyond what the code is right for are gone through by NumPy, each for itself.
+    """
+
+    def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
+        super().__init__(*parts)
+        self.particle_filter: ParticleFilter = parts[0]
+        self.insist, self.lanes = insist, lanes
+        self._code: ParticleCode | None = None
+        self._refused = False
+
+    @property
+    def compiles(self) -> bool:
+        return self.motion.space.size <= MOST_STATES
+
+    def check_engine(self) -> None:
+        """Raise ValueError for states too large to be unrolled, if the engine is insisted on."""
+        if self.insist and not self.compiles:
+            n = self.motion.space.size
+            raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
+
+    def prepare(self, record: Record, generators: Generators) -> None:
+        """Trace and compile, or find it compiled: by the first step of one run."""
+        if self._code is None:
+            one = np.arange(1)
+            self._compiled(take_runs(record.first(1), one), generators.take(one), lambda: None, 0)
+
+    def estimate(
+        self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None, watched: int = 0
+    ) -> Estimates:
+        found = self._compiled(record, generators, on_step, watched)
+        if found is None:
+            return super().estimate(record, generators, on_step, watched)
+        estimates, weak = found
+        if weak.size == 0:
+            return estimates
+        if not record.each_its_own:
+            return super().estimate(record, generators, watched=watched)
+        again = super().estimate(
+            take_runs(record, weak), generators.take(weak), watched=int(np.count_nonzero(weak < watched))
+        )
+        replace_runs(estimates, weak, again)
+        return estimates
+
+    def _compiled(
+        self, record: Record, generators: Generators, on_step: Callable[[], None], watched: int
+    ) -> tuple[Estimates, Array] | None:
+        """What compiled code finds, and in which runs NumPy has to; None if it has to in all."""
+        if self._refused:
+            return None
+        try:
+            if (streams := self._streams(generators)) is None:
+                return None
+            code = streams.code
+            loop = Loop(
+                CompiledParticleFilter.of(self.particle_filter, code), self.motion, self.sensor, self.scheme, self.pause
+            )
+            estimates = loop.estimate(record, streams, on_step, watched)
+        except UntraceableError as refusal:
+            untraceable(refusal, self.insist)
+        except (ImportError, OSError) as error:
+            no_compiler(error, self.insist)
+        else:
+            return estimates, np.flatnonzero(streams.flags.any(axis=1))
+        self._refused = True
+        return None
+
+    def _streams(self, generators: Generators) -> CompiledGenerators | None:
+        """The generators as compiled code goes on with them; None for such that it does not know."""
+        try:
+            self.check_engine()
+            self._code = self._code or ParticleCode(self.motion, self.sensor, self.lanes or cache.lanes())
+            return CompiledGenerators.at_start(self._code, generators) if self.compiles else None
+        except ValueError as error:
+            if self.insist:
+                raise UserError(f"engine=compiled: {error}") from error
+            log.info("engine=numpy, because %s", error)
+            return None
+
+
+def compiled_loop(filter: Filter, *parts: Any, insist: bool) -> Loop:
+    """The loop of a filter on the compiled engine. parts, insist: as for both kinds."""
+    kind = ParticleLoop if type(filter) is ParticleFilter else CompiledLoop
+    return kind(filter, *parts, insist=insist)
