@@ -10,7 +10,7 @@ from estlab.api.own_arrays import record_of_arrays
 from estlab.config.build import filter_of
 from estlab.errors import UserError
 from estlab.filters.engine import CompiledLoop
-from estlab.filters.filter import Filter, Prior
+from estlab.filters.filter import AnyFilter, Filter, Prior
 from estlab.filters.loop import Loop
 from estlab.launch.shipped import shipped_filter
 from estlab.maths.streams import Streams
@@ -22,7 +22,7 @@ from estlab.record import Estimates, Record
 Engine = Literal["auto", "numpy", "compiled"]
 
 
-def make_filter(name: str, **settings: Any) -> Filter:
+def make_filter(name: str, **settings: Any) -> AnyFilter:
     """A filter by its name in ``estlab list filters``, with its shipped settings but for those that are given.
 
     Raises UserError for a name or a setting that there is not, and for a value that it cannot have.
@@ -38,7 +38,7 @@ def make_filter(name: str, **settings: Any) -> Filter:
 
 
 def estimate(
-    filter: Filter | str,
+    filter: AnyFilter | str,
     motion: Motion,
     sensor: Sensor,
     prior: Prior,
@@ -125,7 +125,7 @@ def _try_models(motion: Motion, sensor: Sensor, record: Record) -> None:
         check_noise("sensor", sensor)
 
 
-def _loop(filter: Filter, motion: Motion, sensor: Sensor, engine: Engine, smooth: bool) -> Loop:
+def _loop(filter: AnyFilter, motion: Motion, sensor: Sensor, engine: Engine, smooth: bool) -> Loop:
     """The filter with its models, held to each other."""
     if engine not in ("auto", "numpy", "compiled"):
         raise UserError(f"engine must be one of auto, numpy, compiled, got {engine!r}")

@@ -5,13 +5,13 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from estlab.errors import printable
-from estlab.metrics.digits import bracketed, figure
 from estlab.metrics.intervals import Estimate
+from estlab.metrics.vocabulary import ALL, heading, written, written_with_interval
 
 if TYPE_CHECKING:
     from estlab.api.run import Run
 
-_SHOWN = {"anees": "NEES / n", "anis": "NIS / m", "diverged": "diverged"}
+_BESIDE = ("anees", "anis", "diverged")  # metrics that stand beside the errors
 
 
 def of_run(run: "Run") -> str:
@@ -28,19 +28,19 @@ def _table(run: "Run") -> str:
     """A row for each filter: RMSE of each component, NEES, NIS, runs that diverged."""
     metrics = run.metrics
     errors = metrics[metrics["metric"] == "rmse"].drop_duplicates("component")
-    columns = [("rmse", row.component, f"RMSE {row.component} [{row.unit}]") for row in errors.itertuples()]
-    columns += [(name, "all", heading) for name, heading in _SHOWN.items() if (metrics["metric"] == name).any()]
+    columns = [
+        ("rmse", row.component, heading("rmse", str(row.component), str(row.unit))) for row in errors.itertuples()
+    ]
+    columns += [(name, ALL, heading(name)) for name in _BESIDE if (metrics["metric"] == name).any()]
     cells = {(row.filter, row.metric, row.component): _cell(row) for row in metrics.itertuples()}
     lines = [[name, *(cells.get((name, *column[:2]), "") for column in columns)] for name in run.filters]
-    head = _row("th", ["", *(heading for _, _, heading in columns)])
+    head = _row("th", ["", *(text for _, _, text in columns)])
     return f"<table><thead>{head}</thead><tbody>{''.join(_row('td', line) for line in lines)}</tbody></table>"
 
 
 def _cell(row: Any) -> str:
-    if row.metric == "diverged":
-        return f"{row.value:.0f} of {row.n}"
     found = Estimate(row.value, row.ci_low, row.ci_high, row.n)
-    return bracketed(found, 1.0) if row.metric in _SHOWN else figure(found)
+    return written_with_interval(row.metric, found) if row.metric in _BESIDE else written(row.metric, found)
 
 
 def _row(tag: str, cells: Iterable[str]) -> str:

@@ -75,6 +75,7 @@ def clean(arguments: Sequence[str]) -> int:
     """List what may go, and delete it with --yes; the exit code."""
     options = _read(arguments)
     from estlab.report import grids
+    from estlab.report.console import print_line
 
     there = list(_found(options.folder))
     for one in there:
@@ -82,7 +83,7 @@ def clean(arguments: Sequence[str]) -> int:
             complain(f"note: {one.path} stays, {one.stays}")
     chosen = _chosen(there, options)
     if not chosen:
-        grids.say(f"nothing to delete in {options.folder}")
+        print_line(f"nothing to delete in {options.folder}")
         return OK
     sizes = [_size(one.path) for one, _ in chosen]
     lines = [
@@ -92,13 +93,13 @@ def clean(arguments: Sequence[str]) -> int:
     grids.show(grids.Grid("", ["directory", "size", "age", "status", "why"], lines, 1))
     count = f"{len(chosen)} director{'y' if len(chosen) == 1 else 'ies'}, {sum(sizes) / 1e6:.1f} MB"
     if not options.yes:
-        grids.say(f"{count}; --yes deletes them")
+        print_line(f"{count}; --yes deletes them")
         return OK
     kept = [line for one, _ in chosen if (line := _delete(one, options.folder))]
     _mend_latest(options.folder)
     for line in kept:
         complain(line, FAILED)
-    grids.say(f"deleted {len(chosen) - len(kept)} of {count}")
+    print_line(f"deleted {len(chosen) - len(kept)} of {count}")
     return FAILED if kept else OK
 
 

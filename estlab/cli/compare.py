@@ -13,7 +13,8 @@ from estlab.launch.launcher import FAILED, OK, complain
 
 if TYPE_CHECKING:
     from estlab.comparison.pairing import Pair
-    from estlab.comparison.rows import ComparisonRow, Metric
+    from estlab.comparison.rows import ComparisonRow
+    from estlab.metrics.vocabulary import Metric
     from estlab.report.grids import Grid
 
 _PICTURES = (".png", ".pdf", ".svg")
@@ -121,13 +122,13 @@ def _rows(paths: Sequence[Path]) -> "tuple[list[ComparisonRow], list[str]]":
 def _metrics(rows: "Sequence[ComparisonRow]", names: Sequence[str]) -> "list[Metric]":
     """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
     from estlab.config.build import nearest
+    from estlab.metrics.vocabulary import usual
     from estlab.report.compared import VERDICT
 
     known = list(dict.fromkeys([*(metric for row in rows for metric in row.metrics), VERDICT]))
     if not names:
-        errors = dict.fromkeys(metric for row in rows for metric in _errors(row))
-        usual = [("anees", "all"), ("anis", "all"), ("diverged", "all"), VERDICT]
-        return [*errors, *(metric for metric in usual if metric in known)]
+        errors = dict.fromkeys(metric for row in rows for metric in usual(row.metrics) if metric[0] == "rmse")
+        return [*errors, *(metric for metric in usual(known) if metric[0] != "rmse")]
     chosen: list[Metric] = []
     for name in names:
         found = [metric for metric in known if name in (metric[0], ".".join(metric))]
@@ -136,11 +137,6 @@ def _metrics(rows: "Sequence[ComparisonRow]", names: Sequence[str]) -> "list[Met
             raise UserError(f"--metric {name}: no run has it{near or '; their metrics.csv lists what there is'}")
         chosen += found
     return list(dict.fromkeys(chosen))
-
-
-def _errors(row: "ComparisonRow") -> "list[Metric]":
-    errors = [metric for metric in row.metrics if metric[0] == "rmse"]
-    return [metric for metric in (("rmse", "position"), ("rmse", "all")) if metric in errors][:1] or errors
 
 
 def _against(rows: "Sequence[ComparisonRow]", wanted: str) -> int:
@@ -173,7 +169,7 @@ def _show(
     """Every output but the picture."""
     from estlab.datasets.whole import write_whole
     from estlab.report import compared as shown
-    from estlab.report import grids
+    from estlab.report.console import print_line
 
     write = partial(shown.write, rows, metrics, against, compared, components)
     if options.csv == _STDOUT:
@@ -190,7 +186,7 @@ def _show(
         if options.md or options.latex:
             complain(line)
         else:
-            grids.say(line)
+            print_line(line)
 
 
 def _print(grid: "Grid", options: CompareOptions) -> None:

@@ -225,6 +225,7 @@ def _compare(before: "Finished", now: "Finished") -> int:
     """Say whether the figures are the same, and what has changed; the exit code."""
     from estlab.comparison import reproducibility
     from estlab.report import grids
+    from estlab.report.console import print_line
 
     try:
         found = reproducibility.deviations(before.path, now.path)
@@ -233,13 +234,13 @@ def _compare(before: "Finished", now: "Finished") -> int:
     largest = found[0].relative if found else 0.0
     for bound, said in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
         if largest <= bound:
-            grids.say(f"the figures are those of {before.path}: identical {said}")
+            print_line(f"the figures are those of {before.path}: identical {said}")
             break
     else:
         grids.show(_table(found))
     hashes = sorted(before.data.values()) != sorted(now.data.values())
     changed = [*reproducibility.changes(before.facts, now.facts), *(["data files, by their SHA-256"] if hashes else [])]
-    grids.say(
+    print_line(
         f"changed: {'; '.join(changed)}" if changed else "nothing has changed: estlab, packages, machine, data, plugins"
     )
     if largest <= _EQUAL:

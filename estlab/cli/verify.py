@@ -159,16 +159,17 @@ def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
 
 def _conclude(outcomes: Sequence[ExperimentOutcome], folder: Path | None) -> int:
     """Print the table of all and the count; the exit code."""
-    from estlab.report import expected
-    from estlab.report.console import console
+    from estlab.report import grids
+    from estlab.report.console import print_line
+    from estlab.report.expected import HEADINGS, expected_grid
 
     lines = [(o.experiment, *finding.cells()) for o in outcomes for finding in o.findings]
     broken = [o for o in outcomes if o.error]
-    lines += [(o.experiment, "", "", "", o.error, "FAILED") for o in broken]
-    expected.show(("experiment", *expected.HEADINGS), lines)
+    lines += [(o.experiment, "", "", "", o.error, grids.FAILED) for o in broken]
+    grids.show(expected_grid(("experiment", *HEADINGS), lines))
     findings = [finding for o in outcomes for finding in o.findings]
     met = sum(finding.met for finding in findings)
     count = f"{met} of {len(findings)} expectations met in {len(outcomes)} experiment{'s' * (len(outcomes) > 1)}"
     failed = f"; {len(broken)} run{'s' * (len(broken) > 1)} failed" if broken else ""
-    console().print(f"{count}{failed}: {folder or 'no run began'}", markup=False, soft_wrap=True)
+    print_line(f"{count}{failed}: {folder or 'no run began'}")
     return OK if met == len(findings) and not broken else complain(f"not all is as expected: {count}{failed}", FAILED)

@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 
-from estlab.comparison.rows import ComparisonRow, Metric, short
+from estlab.comparison.rows import ComparisonRow, short
+from estlab.metrics.vocabulary import Metric
 
 _NAMED = 4
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from estlab import rundir
 from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
+from estlab.metrics.vocabulary import Metric
 from estlab.rundir.finished import Finished, table
 
 # Keys that change no figure, and those that stand in a row otherwise.
@@ -25,8 +26,6 @@ _NO_MATTER = (
     "sweep",
 )
 _SHOWN, _LONGEST = 4, 32
-
-Metric = tuple[str, str]  # its name and its component
 
 
 class Figure(NamedTuple):

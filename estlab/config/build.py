@@ -18,7 +18,7 @@ from typing import Any, Literal, Union
 from estlab.config.groups import Data, Noise, SweepSettings
 from estlab.config.targets import check_targets, resolved
 from estlab.errors import PluginError, UserError, plugin_fault
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter, Filter
 from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.scenario import Scenario
@@ -31,8 +31,8 @@ class Settings:
     """A run's whole configuration, as objects."""
 
     scenario: Scenario
-    filter: Filter
-    filters: dict[str, Filter]
+    filter: AnyFilter
+    filters: dict[str, AnyFilter]
     noise: Noise
     data: Data
     runs: int
@@ -99,14 +99,14 @@ def sweep_settings(config: Node) -> SweepSettings:
     return typing.cast(SweepSettings, _Builder({"sweep": config}, ()).construct(SweepSettings, config, "sweep"))
 
 
-def filter_of(node: Node) -> Filter:
+def filter_of(node: Node) -> AnyFilter:
     """The filter that its settings alone describe, of estlab's own.
 
     Raises UserError like :func:`build`.
     """
     allowed = ("estlab",)
     check_targets(node, "filter", allowed)
-    return typing.cast(Filter, _Builder({"filter": node}, allowed).convert(node, Filter, "filter"))
+    return typing.cast(AnyFilter, _Builder({"filter": node}, allowed).convert(node, Filter, "filter"))
 
 
 def _plugins(names: Any) -> list[str]:
@@ -193,6 +193,8 @@ class _Builder:
             raise UserError(f"{path} is required, for example {path}=...")
         if hint is Any:
             return value
+        if inspect.isclass(generic := typing.get_origin(hint)) and generic.__module__ not in ("builtins", "types"):
+            hint = generic  # of Filter[Any]
         if isinstance(value, Mapping):
             if "_target_" in value:
                 make = resolved(value["_target_"], hint, f"{path}._target_", self.allowed)

@@ -31,13 +31,8 @@ def _sizes(settings: Settings) -> tuple[int, int]:
 def _even(settings: Settings) -> int:
     """The runs of a block where blocks are of one size and even in number, for two cores to end together."""
     runs = len(settings.run_numbers)
-    points = max(_points(filter) for filter in (settings.filters or {"": settings.filter}).values())
+    points = max(filter.traits.points for filter in (settings.filters or {"": settings.filter}).values())
     most, least = (max(2, min(limit)) for limit in ((_MOST, _MOST_POINTS // points), (_LEAST, _LEAST_POINTS // points)))
     count = -(-runs // most)
     count = max(1, min(count + count % 2, runs // least))
     return -(-runs // count)
-
-
-def _points(filter: object) -> int:
-    """Particles or members of a filter's belief in one run; one of any other filter."""
-    return int(getattr(filter, "particles", getattr(filter, "members", 1)))

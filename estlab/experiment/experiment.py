@@ -14,7 +14,8 @@ from estlab.experiment.monte_carlo import Names, filters_of
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.write import write
-from estlab.report import console, expected, terminal
+from estlab.report import console, grids, terminal
+from estlab.report.expected import HEADINGS, expected_grid
 from estlab.rundir import RunDirectory
 
 
@@ -63,7 +64,9 @@ def _print(result: Result, where: Path) -> None:
         lambda: terminal.ending(findings, [*result.remarks, *attempts.remarks()], str(where)),
     )
     if result.expected:
-        attempts.put("expectations", lambda: expected.show(expected.HEADINGS, [one.cells() for one in result.expected]))
+        attempts.put(
+            "expectations", lambda: grids.show(expected_grid(HEADINGS, [one.cells() for one in result.expected]))
+        )
 
 
 def _short(path: Path) -> Path:

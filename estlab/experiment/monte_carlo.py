@@ -12,7 +12,7 @@ import numpy as np
 from estlab.config.build import Settings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block, block_count
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter
 from estlab.filters.loop import Loop
 from estlab.filters.particle_engine import compiled_loop
 from estlab.maths.space import Array
@@ -116,12 +116,12 @@ class Ensemble:
         return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
 
 
-def filters_of(settings: Settings, names: Names) -> dict[str, Filter]:
+def filters_of(settings: Settings, names: Names) -> dict[str, AnyFilter]:
     """The filters by name."""
     return settings.filters or {names.filter: settings.filter}
 
 
-def loop_of(settings: Settings, filter: Filter, landmarks: Array) -> Loop:
+def loop_of(settings: Settings, filter: AnyFilter, landmarks: Array) -> Loop:
     """A filter with the models as it assumes them."""
     scenario, noise = settings.scenario, settings.noise.filter
     parts = filter, *problem.models_of(scenario, noise, landmarks), *problem.scheme_of(scenario)
@@ -131,7 +131,7 @@ def loop_of(settings: Settings, filter: Filter, landmarks: Array) -> Loop:
 _loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
 
 
-def _kept_loop(settings: Settings, name: str, filter: Filter, landmarks: Array) -> Loop:
+def _kept_loop(settings: Settings, name: str, filter: AnyFilter, landmarks: Array) -> Loop:
     """The loop of the block before, if there was one with the same settings; else a new one."""
     known = _loops.get(name)
     if known is None or known[0] is not settings or not np.array_equal(known[1], landmarks):

@@ -41,7 +41,7 @@ def findings_of(settings: Settings, name: str, ensemble: Ensemble, bound: Array 
     """What the statistics say of one set of estimates."""
     filter = settings.filters.get(name, settings.filter)
     group = f"filters.{name}" if settings.filters else "filter"
-    sampled = next((f"{group}.{key}" for key in ("particles", "members") if hasattr(filter, key)), "")
+    sampled = f"{group}.{filter.traits.sampled_by}" if filter.traits.sampled_by else ""
     tally = attempts.made(f"statistics of {name}", lambda: ensemble.total.tallies[name], needed=True)
     if tally is None:
         return Findings([], [], None)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Innovation, Prior, Sample, innovation_of
+from estlab.filters.filter import Filter, Innovation, Prior, Sample, Traits, innovation_of
 from estlab.filters.step import Step
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian
@@ -31,7 +31,7 @@ class Members(NamedTuple):
 
 
 @dataclass(frozen=True)
-class EnsembleFilter(Filter):
+class EnsembleFilter(Filter[Members]):
     """The stochastic ensemble Kalman filter, with perturbed readings. Burgers, van Leeuwen and Evensen 1998.
 
     members: >= 2, and more than the number of components of the state for a definite covariance.
@@ -46,6 +46,10 @@ class EnsembleFilter(Filter):
             raise ValueError(f"members must be from 2 to 2e7, got {self.members}")
         if not self.inflation >= 1.0:
             raise ValueError(f"inflation must be >= 1, got {self.inflation:g}")
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(points=self.members, sampled_by="members")
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         if self.members <= motion.space.size:

@@ -1,7 +1,7 @@
 """The contract of every filter."""
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import summed
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
+from estlab.maths.transforms import Moments
 from estlab.maths.uniform import Uniform
 from estlab.models.contract import Motion, Sensor
 
@@ -80,40 +81,83 @@ class Belief(Protocol):
     def take(self, runs: Array) -> Self:
         """The belief in some of the runs, by their index in the batch."""
 
-    def replaced(self, runs: Array, part: Any) -> Self:
+    def replaced(self, runs: Array, part: Self) -> Self:
         """The belief with those of some runs replaced."""
 
 
-class Filter(ABC):
-    """A belief, carried from reading to reading. Each family defines its own kind of belief."""
+class Traits(NamedTuple):
+    """What a filter says of itself, for those who run it and judge it.
 
-    def check(self, motion: Motion, sensor: Sensor) -> None:  # noqa: B027 - most have nothing to refuse
+    points: how many points stand for the belief of a run, by which runs are cut into blocks. sampled_by: the filter's
+    key for their number, if a belief's covariance is that of a sample; else "". gate: the share of right readings that
+    pass, None for all. reads: whether readings are used. smooths: whether it has :meth:`Filter.propagate`.
+    single: whether its belief is a Gaussian and its steps take one without the axis of runs too.
+    """
+
+    points: int = 1
+    sampled_by: str = ""
+    gate: float | None = None
+    reads: bool = True
+    smooths: bool = False
+    single: bool = False
+
+
+B = TypeVar("B", bound=Belief)
+
+
+class Filter(ABC, Generic[B]):
+    """A belief B, carried from reading to reading. What a belief is, each family knows for itself."""
+
+    @property
+    def traits(self) -> Traits:
+        """What it says of itself."""
+        return Traits()
+
+    def check(self, motion: Motion, sensor: Sensor) -> None:
         """Raise ValueError that names the key if the filter is not defined for these models."""
 
     @abstractmethod
-    def start(self, prior: Prior, generators: Generators) -> Any:
+    def start(self, prior: Prior, generators: Generators) -> B:
         """The belief before the first step. generators: the filter's own, one per run."""
 
     @abstractmethod
-    def predict(self, motion: Motion, belief: Any, control: Array, dt: float) -> Any:
+    def predict(self, motion: Motion, belief: B, control: Array, dt: float) -> B:
         """The belief dt [s] later."""
 
+    def propagate(self, motion: Motion, belief: B, control: Array, dt: float) -> Moments:
+        """A Gaussian prediction with its cross-covariance to the state before, which a smoother needs."""
+        raise NotImplementedError(f"{type(self).__name__} has no propagate")
+
     @abstractmethod
-    def update(self, sensor: Sensor, belief: Any, reading: Array, landmark: Array) -> tuple[Any, Innovation]:
+    def update(self, sensor: Sensor, belief: B, reading: Array, landmark: Array) -> tuple[B, Innovation]:
         """The belief given a reading (m, runs) about landmarks (p, runs). NaN in the reading means not measured."""
 
     @abstractmethod
-    def moments(self, belief: Any, motion: Motion) -> Gaussian:
+    def moments(self, belief: B, motion: Motion) -> Gaussian:
         """Mean (n, runs) and covariance (n, n, runs) of a belief."""
 
-    def sample(self, belief: Any) -> Sample | None:
+    def sample(self, belief: B) -> Sample | None:
         """The sample whose covariance :meth:`moments` returns; None if the covariance is computed, not sampled."""
         return None
 
-    def cloud(self, belief: Any, runs: int) -> Cloud | None:
+    def cloud(self, belief: B, runs: int) -> Cloud | None:
         """A sample of the points of the first runs; None if a belief is no cloud."""
         return None
 
-    def notes(self, belief: Any) -> dict[str, Array]:
+    def notes(self, belief: B) -> dict[str, Array]:
         """Further numbers (runs,) to store for each step, by name, such as the effective sample size."""
         return {}
+
+
+AnyFilter = Filter[Any]
+
+
+def check_traits(filter: AnyFilter) -> None:
+    """Raise ValueError, naming the field, unless a filter says of itself what can be."""
+    traits: object = filter.traits
+    if not isinstance(traits, Traits):
+        raise ValueError(f"traits is a {type(traits).__name__}; must be a Traits")
+    if not isinstance(traits.points, int) or traits.points < 1:
+        raise ValueError(f"traits.points is {traits.points!r}; must be a whole number >= 1")
+    if traits.smooths and type(filter).propagate is Filter.propagate:
+        raise ValueError("traits.smooths is true, so the filter must define propagate")

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Innovation, Prior, innovation_of
+from estlab.filters.filter import Filter, Innovation, Prior, Traits, innovation_of
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.linalg import cholesky, matmul, matvec, solve_lower, transpose, without
 from estlab.maths.sigma_points import GaussHermite, Julier, Scaled, Simplex
@@ -19,7 +19,7 @@ Noise = Literal["additive", "augmented"]
 
 
 @dataclass(frozen=True)
-class GaussianFilter(Filter):
+class GaussianFilter(Filter[Gaussian]):
     """Predict and update a Gaussian belief. Saerkkae 2013, chapter 6: the moment-matching filter.
 
     transform: how a belief goes through a model; this is the only difference between EKF, UKF and CKF.
@@ -34,6 +34,10 @@ class GaussianFilter(Filter):
 
     def __post_init__(self) -> None:
         check_gate(self.gate)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(gate=self.gate, smooths=True, single=True)
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size
@@ -109,6 +113,10 @@ class GaussianFilter(Filter):
 @dataclass(frozen=True)
 class DeadReckoning(GaussianFilter):
     """Prediction only: uses the commands and no readings. The baseline for every other filter."""
+
+    @property
+    def traits(self) -> Traits:
+        return super().traits._replace(reads=False)
 
     def update(self, sensor: Sensor, belief: Gaussian, reading: Array, landmark: Array) -> tuple[Gaussian, Innovation]:
         nothing = np.full(reading.shape, np.nan)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.compiled import cache
 from estlab.compiled.routines import Method
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter
 from estlab.filters.methods import method_of
 from estlab.filters.stacks import one_by_one, stacked
 from estlab.filters.step_tables import noise_table
@@ -20,7 +20,7 @@ from estlab.record import Record
 class FilterSetup:
     """A filter with its models, and how it uses several readings at one time: see estlab.filters.loop.Loop."""
 
-    filter: Filter
+    filter: AnyFilter
     motion: Motion
     sensor: Sensor
     scheme: str

@@ -5,8 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estlab.filters.filter import Belief, Cloud, Filter
-from estlab.filters.gaussian import GaussianFilter
+from estlab.filters.filter import AnyFilter, Belief, Cloud, check_traits
 from estlab.filters.smoother import Link, smooth
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
@@ -28,14 +27,15 @@ class Loop:
     """
 
     def __init__(
-        self, filter: Filter, motion: Motion, sensor: Sensor, scheme: Scheme = "sequential", pause: float = 0.0
+        self, filter: AnyFilter, motion: Motion, sensor: Sensor, scheme: Scheme = "sequential", pause: float = 0.0
     ) -> None:
         self.filter, self.motion, self.sensor, self.scheme, self.pause = filter, motion, sensor, scheme, pause
 
     def check(self) -> None:
         """Raise ValueError that names the filter's key if filter and models do not fit together."""
+        check_traits(self.filter)
         self.filter.check(self.motion, self.sensor)
-        if self.scheme == "stacked" and getattr(self.filter, "gate", None) is not None:
+        if self.scheme == "stacked" and self.filter.traits.gate is not None:
             raise ValueError("gate would reject all readings of a time because of one; set scenario.update=sequential")
 
     @property
@@ -51,7 +51,7 @@ class Loop:
 
     def check_smoother(self) -> None:
         """Raise ValueError if there is no smoother for this filter and scheme."""
-        if not isinstance(self.filter, GaussianFilter):
+        if not self.filter.traits.smooths:
             raise ValueError("this filter has no smoother; use one of the Gaussian family (ekf, ukf, ckf, ...)")
         if self.scheme == "interleaved":
             raise ValueError("the smoother does not support predictions between readings; set another scenario.update")
@@ -63,7 +63,7 @@ class Loop:
 
         watched: the number of first runs whose cloud is stored at some steps, if the belief is one.
         """
-        if record.runs == 1 and isinstance(self.filter, GaussianFilter) and self.scheme != "stacked":
+        if record.runs == 1 and self.filter.traits.single and self.scheme != "stacked":
             return self._alone(record, generators, on_step)
         return self._forward(record, generators, on_step, None, watched)
 
@@ -117,8 +117,8 @@ class Loop:
                 if k in moments and (cloud := self.filter.cloud(belief, watched)) is not None:
                     clouds[k] = cloud
                 on_step()
-        gate = getattr(self.filter, "gate", None)
-        return Estimates(mean, cov, whitened, log_scale, sample, notes, gate, _as_arrays(clouds))
+        arrays = _as_arrays(clouds)
+        return Estimates(mean, cov, whitened, log_scale, sample, notes, self.filter.traits.gate, arrays)
 
     def _alone(self, record: Record, generators: Generators, on_step: Callable[[], None]) -> Estimates:
         """For a single run and a Gaussian belief: no array has the axis of runs, so models work on plain numbers.
@@ -157,13 +157,13 @@ class Loop:
             log_scale.T[..., None],
             None,
             {"gated": gated[:, None]},
-            getattr(filter, "gate", None),
+            filter.traits.gate,
         )
 
     def _predict(self, belief: Any, control: Array, lapse: float, linked: bool) -> tuple[Any, Link | None]:
         if lapse <= 0.0:
             return belief, None
-        if linked and isinstance(self.filter, GaussianFilter):
+        if linked:
             after = self.filter.propagate(self.motion, belief, control, lapse)
             return belief._replace(mean=after.mean, cov=after.cov), Link(belief, after)
         return self.filter.predict(self.motion, belief, control, lapse), None

@@ -1,11 +1,12 @@
 """What compiled code needs to know about a filter: see estlab.compiled.routines.Method."""
 
-from typing import Any, cast
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from estlab.compiled.routines import Method, PointSet
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter
 from estlab.filters.gaussian import DeadReckoning, GaussianFilter, IteratedFilter
 from estlab.filters.square_root import SquareRootFilter
 from estlab.maths.sigma_points import Cubature, GaussHermite, Julier, Scaled, SigmaPoints, Simplex, SymmetricSigmaPoints
@@ -16,33 +17,56 @@ _MOST_POINTS, MOST_STATES = 128, 24
 _POINTS = (Scaled, Julier, Cubature, Simplex, GaussHermite)
 
 
-def method_of(filter: Filter, motion: Motion, sensor: Sensor) -> Method:
+def method_of(filter: AnyFilter, motion: Motion, sensor: Sensor) -> Method:
     """The method; the sensor's number of values is that of one update. Raises ValueError for another filter."""
-    n, q, m = motion.space.size, motion.noise_size, sensor.space.size
+    n = motion.space.size
     if n > MOST_STATES:
         raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
-    transform: Any = getattr(filter, "transform", None)
-    if type(filter) is SquareRootFilter and isinstance(transform, SymmetricSigmaPoints) and type(transform) in _POINTS:
-        points = _points(transform, n)
-        return Method("factors", points, points, gated=filter.gate is not None)
-    if type(filter) not in (GaussianFilter, DeadReckoning, IteratedFilter):
+    method = _METHODS.get(type(filter))
+    if method is None:
         raise ValueError(
             "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
             "not this filter; set engine=numpy"
         )
-    filter = cast(GaussianFilter, filter)
-    augmented, gated = filter.noise == "augmented", filter.gate is not None
-    iterations = filter.iterations if isinstance(filter, IteratedFilter) else 1
-    updating = not isinstance(filter, DeadReckoning)
+    return method(filter, motion, sensor)
+
+
+def _of_factors(filter: SquareRootFilter, motion: Motion, sensor: Sensor) -> Method:
+    transform = filter.transform
+    if type(transform) in _POINTS and isinstance(transform, SymmetricSigmaPoints):
+        points = _points(transform, motion.space.size)
+        return Method("factors", points, points, gated=filter.gate is not None)
+    raise ValueError("it cannot compile this transform; set engine=numpy")
+
+
+def _of_iterated(filter: IteratedFilter, motion: Motion, sensor: Sensor) -> Method:
+    if type(filter.transform) is Linearised:
+        return Method("linearised", iterations=filter.iterations, gated=filter.gate is not None)
+    raise ValueError("it cannot compile this transform; set engine=numpy")
+
+
+def _of_gaussian(filter: GaussianFilter, motion: Motion, sensor: Sensor) -> Method:
+    augmented, transform = filter.noise == "augmented", filter.transform
+    updating, gated = filter.traits.reads, filter.gate is not None
     if type(transform) is Linearised:
         # When linearised, both kinds of noise are the same.
-        return Method("linearised", iterations=iterations, updating=updating, gated=gated)
-    if type(transform) is SecondOrder and iterations == 1:
+        return Method("linearised", updating=updating, gated=gated)
+    if type(transform) is SecondOrder:
         return Method(transform.form, augmented=augmented, updating=updating, gated=gated)
-    if type(transform) in _POINTS and iterations == 1:
-        of_motion, of_sensor = (_points(transform, n + (more if augmented else 0)) for more in (q, m))
+    if type(transform) in _POINTS and isinstance(transform, SigmaPoints):
+        n, noises = motion.space.size, (motion.noise_size, sensor.space.size)
+        of_motion, of_sensor = (_points(transform, n + (size if augmented else 0)) for size in noises)
         return Method("points", of_motion, of_sensor, augmented, updating=updating, gated=gated)
     raise ValueError("it cannot compile this transform; set engine=numpy")
+
+
+# Of these very classes and transforms: what is derived from one may do something else.
+_METHODS: dict[type, Callable[[Any, Motion, Sensor], Method]] = {
+    SquareRootFilter: _of_factors,
+    IteratedFilter: _of_iterated,
+    GaussianFilter: _of_gaussian,
+    DeadReckoning: _of_gaussian,
+}
 
 
 def _points(transform: SigmaPoints, axes: int) -> PointSet:

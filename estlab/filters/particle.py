@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Cloud, Filter, Innovation, Prior, Sample, innovation_of
+from estlab.filters.filter import Cloud, Filter, Innovation, Prior, Sample, Traits, innovation_of
 from estlab.filters.step import Step, own
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian, replaced
@@ -50,7 +50,7 @@ class Particles(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ParticleFilter(Filter):
+class ParticleFilter(Filter[Particles]):
     """Predict by sampling, update by weighting, resample when few weights are left. Gordon, Salmond and Smith 1993.
 
     particles: their number. resampling: the scheme. threshold: resample when the effective sample size is below this
@@ -84,6 +84,10 @@ class ParticleFilter(Filter):
         for name in ("roughening", "bandwidth"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must be >= 0, got {getattr(self, name):g}")
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(points=self.particles, sampled_by="particles")
 
     def start(self, prior: Prior, generators: Generators) -> Particles:
         points = cloud.laid_out(prior.sample(generators, self.particles))

@@ -11,7 +11,7 @@ from estlab.compiled.trace import UntraceableError
 from estlab.errors import UserError
 from estlab.filters.compiled_particles import CompiledParticleFilter
 from estlab.filters.engine import CompiledLoop, no_compiler, replace_runs, take_runs, untraceable
-from estlab.filters.filter import Filter
+from estlab.filters.filter import AnyFilter
 from estlab.filters.loop import Loop
 from estlab.filters.methods import MOST_STATES
 from estlab.filters.particle import ParticleFilter
@@ -106,7 +106,7 @@ class ParticleLoop(Loop):
             return None
 
 
-def compiled_loop(filter: Filter, *parts: Any, insist: bool) -> Loop:
+def compiled_loop(filter: AnyFilter, *parts: Any, insist: bool) -> Loop:
     """The loop of a filter on the compiled engine. parts, insist: as for both kinds."""
     kind = ParticleLoop if type(filter) is ParticleFilter else CompiledLoop
     return kind(filter, *parts, insist=insist)

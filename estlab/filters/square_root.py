@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Innovation, Prior, innovation_of
+from estlab.filters.filter import Filter, Innovation, Prior, Traits, innovation_of
 from estlab.filters.gaussian import check_gate
 from estlab.maths.gaussian_belief import Gaussian, replaced
 from estlab.maths.linalg import (
@@ -42,7 +42,7 @@ class Root(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SquareRootFilter(Filter):
+class SquareRootFilter(Filter[Root]):
     """The additive-noise sigma-point filter on factors: every covariance is the triangle of a QR decomposition.
 
     Van der Merwe and Wan 2001; Arasaratnam and Haykin 2009, appendix B. Nothing is ever subtracted, so weights must
@@ -54,6 +54,10 @@ class SquareRootFilter(Filter):
 
     def __post_init__(self) -> None:
         check_gate(self.gate)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(gate=self.gate)
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
         n = motion.space.size

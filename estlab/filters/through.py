@@ -10,7 +10,6 @@ from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
 from estlab.compiled.routines import Routine, Steps, slots
 from estlab.filters.filter import chi_square_quantile
-from estlab.filters.gaussian import DeadReckoning
 from estlab.filters.given import FilterSetup, Given, Shape
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array
@@ -24,7 +23,7 @@ class FilterProgram:
     """
 
     def __init__(self, setup: FilterSetup, shape: Shape, smooth: bool) -> None:
-        steps, gated = _steps(setup, shape), getattr(setup.filter, "gate", None) is not None
+        steps, gated = _steps(setup, shape), setup.filter.traits.gate is not None
         routines: dict[str, Routine]
         if smooth:
             routines = {"smooth": kernels.smooth(steps), "record": kernels.record(steps, gated=False)}
@@ -50,7 +49,7 @@ class FilterProgram:
 
 
 def _steps(setup: FilterSetup, shape: Shape) -> Steps:
-    motion, sensor, gate = setup.motion, setup.sensor, getattr(setup.filter, "gate", None)
+    motion, sensor, gate = setup.motion, setup.sensor, setup.filter.traits.gate
     m, coordinates = sensor.space.size, sensor.landmarks.shape[0]
     cov = np.asarray(sensor.noise_cov, dtype=float)
     quantiles = np.full(m + 1, np.inf) if gate is None else chi_square_quantile(gate, np.arange(m + 1))
@@ -77,10 +76,10 @@ class Through:
         belief = np.zeros((slots(n), runs))
         belief[:n], belief[n:-2] = given.mean, given.matrix[i, j]
         whitened, log_scale = np.empty((2, *given.stack.values.shape))
-        if isinstance(setup.filter, DeadReckoning):  # else the code fills all of it
+        if not setup.filter.traits.reads:  # else the code fills all of it
             whitened[:] = log_scale[:] = np.nan
         mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
-        gate = getattr(setup.filter, "gate", None)
+        gate = setup.filter.traits.gate
         self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)
         bounds = Readings(given.stack.step, given.stack.values, given.stack.landmark_number).bounds(steps)
         landmarks, entries = np.ascontiguousarray(setup.sensor.landmarks, dtype=float), given.table.entries

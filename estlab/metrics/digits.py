@@ -77,3 +77,18 @@ def bracketed(found: Estimate, expected: float = math.nan) -> str:
     """Value and interval: 0.997 [0.944, 1.052]."""
     both = interval(found, expected)
     return f"{figure(found, expected)} [{both.replace(' to ', ', ')}]" if both else figure(found)
+
+
+def share(value: float) -> str:
+    """A share in per cent: 97.1 %; nothing for NaN."""
+    return "" if math.isnan(value) else f"{100.0 * value:.1f} %"
+
+
+def share_interval(low: float, high: float) -> str:
+    """Both ends in per cent: 94.4 to 98.2 %; nothing without an interval."""
+    return "" if math.isnan(low) or math.isnan(high) else f"{100.0 * low:.1f} to {100.0 * high:.1f} %"
+
+
+def p_value(p: float) -> str:
+    """A p-value to two digits; nothing for NaN."""
+    return "" if math.isnan(p) else "< 0.0001" if p < 1e-4 else f"{p:.2g}"

@@ -29,7 +29,9 @@ class SampleMoments:
         return cls(count, mean, np.einsum("i...r,j...r->ij...", off, off))
 
     def plus(self, other: "SampleMoments") -> "SampleMoments":
-        """Of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many are added."""
+        """The moments of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many
+        are added.
+        """
         count = self.count + other.count
         share = other.count / np.maximum(count, 1)
         shift = other.mean - self.mean

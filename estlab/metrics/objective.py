@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from estlab.metrics.vocabulary import heading, unit_of
+
 _OF_ALL = {"nis": "anis", "nees": "anees", "loglik": "loglik"}
 _BROKEN = ("not_finite", "not_definite")
 
@@ -39,8 +41,10 @@ class Objective:
     @property
     def words(self) -> str:
         """The objective, as an axis names it."""
-        words = {"nis": "|log(NIS / m)|", "nees": "|log(NEES / n)|", "loglik": "minus log-likelihood [nat]"}
-        return words.get(self.name, f"RMSE {self.component}") + (f", {self.filter}" if self.filter else "")
+        metric = _OF_ALL.get(self.name, self.name)
+        named = heading(metric, self.component, unit_of(metric))
+        words = {"rmse": named, "loglik": f"minus {named}"}.get(self.name, f"|log({named})|")
+        return f"{words}, {self.filter}" if self.filter else words
 
     def of(self, rows: Sequence[Mapping[str, str]], lost: float) -> float:
         """The number, from rows of text. Infinite if more than a share ``lost`` of the runs broke.

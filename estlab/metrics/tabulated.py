@@ -21,6 +21,7 @@ from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import quietly
 from estlab.metrics.tally import CAUSES, Tally
 from estlab.metrics.verdict import Verdict
+from estlab.metrics.vocabulary import unit_of
 
 Columns = dict[str, Array]
 
@@ -41,13 +42,18 @@ class MetricRow(NamedTuple):
     ci_high: float
     n: int
 
+    @property
+    def estimate(self) -> Estimate:
+        """Value, interval and number of runs."""
+        return Estimate(self.value, self.ci_low, self.ci_high, self.n)
 
-def _row(metric: str, component: str, unit: str, found: Estimate) -> MetricRow:
-    return MetricRow(metric, component, unit, found.value, found.low, found.high, found.n)
+
+def _row(metric: str, component: str, found: Estimate, component_unit: str = "") -> MetricRow:
+    return MetricRow(metric, component, unit_of(metric, component_unit), *found)
 
 
-def _count(metric: str, unit: str, value: float, n: int) -> MetricRow:
-    return MetricRow(metric, "all", unit, value, np.nan, np.nan, n)
+def _count(metric: str, value: float, n: int) -> MetricRow:
+    return _row(metric, "all", Estimate(value, np.nan, np.nan, n))
 
 
 def metric_rows(tally: Tally, tests: Sequence[Test], verdict: Verdict, bound: Array | None = None) -> list[MetricRow]:
@@ -83,12 +89,12 @@ def _unsure(row: MetricRow) -> MetricRow:
 
 def _diverged(tally: Tally) -> Iterator[MetricRow]:
     for cause in CAUSES:
-        yield _count(cause, "runs", tally.diverged[cause], tally.runs)
-    yield _count("diverged", "runs", sum(tally.diverged.values()), tally.runs)
+        yield _count(cause, tally.diverged[cause], tally.runs)
+    yield _count("diverged", sum(tally.diverged.values()), tally.runs)
 
 
 def _verdict(tally: Tally, verdict: Verdict) -> MetricRow:
-    return MetricRow("verdict", verdict.word, "p", verdict.p, np.nan, np.nan, tally.runs)
+    return _row("verdict", verdict.word, Estimate(verdict.p, np.nan, np.nan, tally.runs))
 
 
 def _errors(tally: Tally) -> Iterator[MetricRow]:
@@ -96,25 +102,25 @@ def _errors(tally: Tally) -> Iterator[MetricRow]:
     each = list(enumerate(zip(space.names, space.units, strict=True)))
     for metric, square in (("rmse", "mean_square"), ("rmse_converged", "mean_square_converged")):
         for i, (name, unit) in each:
-            yield _row(metric, name, unit, _root(positive_interval(moments[square].at(i))))
+            yield _row(metric, name, _root(positive_interval(moments[square].at(i))), unit)
         if "position_square" in moments:
             unit = space.units[space.position[0]]
             whole = moments[square.replace("mean_square", "position_square")]
-            yield _row(metric, "position", unit, _root(positive_interval(whole)))
+            yield _row(metric, "position", _root(positive_interval(whole)), unit)
         if "state_square" in moments:
             every = moments[square.replace("mean_square", "state_square")]
-            yield _row(metric, "all", space.units[0], _root(positive_interval(every)))
+            yield _row(metric, "all", _root(positive_interval(every)), space.units[0])
     for metric in ("median_abs_error", "mean_error", "mean_sigma"):
         for i, (name, unit) in each:
-            yield _row(metric, name, unit, mean_interval(moments[metric].at(i)))
+            yield _row(metric, name, mean_interval(moments[metric].at(i)), unit)
     for i, (name, _) in each:
-        yield _row("inside_3sigma", name, "", time_share_interval(moments["inside"].at(2, i)))
+        yield _row("inside_3sigma", name, time_share_interval(moments["inside"].at(2, i)))
     for i, (name, _) in each:
-        yield _row("scored", name, "", _clipped(mean_interval(moments["scored"].at(i))))
+        yield _row("scored", name, _clipped(mean_interval(moments["scored"].at(i))))
     if "position_square" in moments:
         unit = space.units[space.position[0]]
-        yield _row("median_abs_error", "position", unit, mean_interval(moments["position_median"]))
-        yield _row("scored", "position", "", _clipped(mean_interval(moments["position_scored"])))
+        yield _row("median_abs_error", "position", mean_interval(moments["position_median"]), unit)
+        yield _row("scored", "position", _clipped(mean_interval(moments["position_scored"])))
 
 
 def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[MetricRow]:
@@ -123,13 +129,13 @@ def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[MetricRow]:
         return
     bias = intervals_of_all(tally.moments["bias"], _level(by[BIAS]))
     for name, found in zip(tally.space.names, bias, strict=True):
-        yield _row("normalised_bias", name, "sigma", _of_enough(found))
-    yield _row("anees", "all", "", _of_enough(positive_interval(nees_of(tally)[1], _level(by[NEES]))))
-    yield _row("anees_converged", "all", "", _of_enough(positive_interval(nees_of(tally, "_converged")[1])))
+        yield _row("normalised_bias", name, _of_enough(found))
+    yield _row("anees", "all", _of_enough(positive_interval(nees_of(tally)[1], _level(by[NEES]))))
+    yield _row("anees_converged", "all", _of_enough(positive_interval(nees_of(tally, "_converged")[1])))
     if int(tally.moments["nis"].count):
-        yield _row("anis", "all", "", by[NIS].found)
+        yield _row("anis", "all", by[NIS].found)
         for lag, found in enumerate(intervals_of_all(tally.moments["correlation"], _level(by[WHITENESS]))):
-            yield _row("innovation_correlation", f"lag {lag + 1}", "", _of_enough(found))
+            yield _row("innovation_correlation", f"lag {lag + 1}", _of_enough(found))
 
 
 def _of_enough(found: Estimate) -> Estimate:
@@ -143,21 +149,21 @@ def _level(test: Test) -> float:
 
 def _all_components(tally: Tally) -> Iterator[MetricRow]:
     moments = tally.moments
-    yield _row("inside_3sigma", "all", "", time_share_interval(moments["inside"].at(2, tally.space.size)))
-    yield _row("scored", "all", "", _clipped(mean_interval(moments["nees_scored"])))
+    yield _row("inside_3sigma", "all", time_share_interval(moments["inside"].at(2, tally.space.size)))
+    yield _row("scored", "all", _clipped(mean_interval(moments["nees_scored"])))
 
 
 def _credibility(tally: Tally) -> Iterator[MetricRow]:
     if not tally.repeated and not tally.sampled:
         index, inclination = credibility(*tally.first)
-        yield _row("noncredibility", "all", "dB", index)
-        yield _row("inclination", "all", "dB", inclination)
+        yield _row("noncredibility", "all", index)
+        yield _row("inclination", "all", inclination)
 
 
 def _innovations(tally: Tally) -> Iterator[MetricRow]:
     moments = tally.moments
     if int(moments["anis"].count):
-        yield _row("loglik", "all", "nat", mean_interval(moments["loglik"]))
+        yield _row("loglik", "all", mean_interval(moments["loglik"]))
 
 
 def _efficiency(tally: Tally, bound: Array | None) -> Iterator[MetricRow]:
@@ -175,22 +181,22 @@ def _efficiency(tally: Tally, bound: Array | None) -> Iterator[MetricRow]:
     for name, least, moments in parts:
         found, root = positive_interval(moments), np.sqrt(least.mean())
         value, low, high = (float(root / np.sqrt(x)) for x in (found.value, found.high, found.low))
-        yield MetricRow("efficiency", name, "", value, low, high, found.n)
+        yield _row("efficiency", name, Estimate(value, low, high, found.n))
 
 
 def _found(tally: Tally) -> Iterator[MetricRow]:
     if "found" in tally.moments:
         share = tally.moments["found"]
-        yield _row("found", "position", "", share_interval(float(share.mean[0]), int(share.count)))
-        yield _row("found_time", "position", "s", mean_interval(tally.moments["found_time"]))
+        yield _row("found", "position", share_interval(float(share.mean[0]), int(share.count)))
+        yield _row("found_time", "position", mean_interval(tally.moments["found_time"]))
 
 
 def _noted(tally: Tally) -> Iterator[MetricRow]:
     for name in ("gated", "vanished"):
         if (noted := tally.sums.get(f"note_{name}")) is not None and noted.any():
-            yield _count(name, "readings", int(noted.sum()), tally.runs)
+            yield _count(name, int(noted.sum()), tally.runs)
     if "ess" in tally.moments:
-        yield _row("ess", "all", "particles", mean_interval(tally.moments["ess"]))
+        yield _row("ess", "all", mean_interval(tally.moments["ess"]))
 
 
 def test_rows(tests: Sequence[Test]) -> list[dict[str, object]]:

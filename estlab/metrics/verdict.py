@@ -24,6 +24,7 @@ from estlab.metrics.digits import bracketed
 from estlab.metrics.intervals import LEVEL, positive_interval, stretched
 from estlab.metrics.laws import LEAST_EFFECTIVE
 from estlab.metrics.tally import CAUSES, Tally
+from estlab.metrics.vocabulary import test_heading
 
 CONSISTENT, OVERCONFIDENT, CONSERVATIVE = "consistent", "overconfident", "conservative"
 BIASED, CORRELATED, LOST, STARVED, UNDECIDED = "biased", "correlated", "lost", "starved", "undecided"
@@ -195,13 +196,13 @@ def _figure(test: Test) -> str:
         return (
             f"{test.of} within 3 sigma for {found} of the time, where any distribution has at least {LEAST_INSIDE:.3f}"
         )
-    return f"{test.name.upper()} / {test.of} = {found}"
+    return f"{test_heading(test.name, test.of)} = {found}"
 
 
 def _nees(tally: Tally) -> str:
     """NEES where it is shown without being judged."""
     of, moments = nees_of(tally)
-    return f"NEES / {of} = {bracketed(positive_interval(moments), 1.0)}"
+    return f"{test_heading(NEES, of)} = {bracketed(positive_interval(moments), 1.0)}"
 
 
 def _consistent(tally: Tally, by: dict[str, Test]) -> str:
@@ -244,7 +245,8 @@ def _would_show(runs: str, of: str, reach: float) -> str:
     below = 1.0 / reach
     down = 1 - math.floor(math.log10(below))
     below = math.floor(below * 10.0**down) / 10.0**down
-    return f"{runs} would show a NEES / {of} beyond {above:.{max(places, 0)}f} or below {below:.{max(down, 0)}f}"
+    high, low = f"{above:.{max(places, 0)}f}", f"{below:.{max(down, 0)}f}"
+    return f"{runs} would show a {test_heading(NEES, of)} beyond {high} or below {low}"
 
 
 def _undecided(tally: Tally, by: dict[str, Test]) -> str:

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 
-from estlab.metrics.digits import figure, interval
+from estlab.metrics.digits import figure, interval, p_value, share, share_interval
 from estlab.metrics.intervals import Estimate
+from estlab.metrics.vocabulary import written
 from estlab.report.contents import as_number
 from estlab.report.markup import Cell
 
@@ -39,17 +40,31 @@ def interval_cell(row: CsvRow | None, value: str = "value", low: str = "ci_low",
 
 def share_cell(row: CsvRow | None, value: str = "value") -> Cell:
     """A share in per cent."""
-    share = as_number(row.get(value)) if row else float("nan")
-    return Cell("") if share != share else Cell(f"{100.0 * share:.1f} %", share)
+    found = as_number(row.get(value)) if row else float("nan")
+    return Cell(share(found), found)
+
+
+def share_interval_cell(row: CsvRow | None) -> Cell:
+    """An interval of shares in per cent, sorted by the lower end."""
+    if row is None:
+        return Cell("")
+    low, high = as_number(row.get("ci_low")), as_number(row.get("ci_high"))
+    return Cell(share_interval(low, high), low)
 
 
 def p_cell(text: str | None) -> Cell:
     """A p-value to two digits."""
     p = as_number(text)
-    return Cell("") if p != p else Cell("< 0.0001" if p < 1e-4 else f"{p:.2g}", p)
+    return Cell(p_value(p), p)
 
 
 def number_cell(text: str | None, ending: str = "") -> Cell:
     """A number to three digits; a word as it is."""
     number = as_number(text)
     return Cell(text or "") if number != number else Cell(f"{number:.3g}{ending}", number)
+
+
+def metric_cell(name: str, row: CsvRow | None) -> Cell:
+    """A metric's value, in the form that it has in every table."""
+    found = estimate(row or {})
+    return Cell(written(name, found), found.value)

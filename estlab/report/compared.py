@@ -4,15 +4,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 
 from estlab.comparison.pairing import Pair
-from estlab.comparison.rows import ComparisonRow, Metric
+from estlab.comparison.rows import ComparisonRow
 from estlab.errors import printable
-from estlab.metrics.digits import bracketed, figure, interval
+from estlab.metrics.digits import figure, interval, p_value, share
+from estlab.metrics.vocabulary import (
+    ALL,
+    DIVERGED,
+    HOLM_INTERVAL,
+    HOLM_P,
+    Metric,
+    column,
+    heading,
+    with_unit,
+    written_with_interval,
+)
 from estlab.report import csv_tables
 from estlab.report.grids import Grid
 
-_SPOKEN = {"rmse": "RMSE", "anees": "NEES / n", "anis": "NIS / m"}
-_COUNTS = ("diverged", "lost", "not_finite", "not_definite")
-VERDICT: Metric = ("verdict", "all")
+VERDICT: Metric = ("verdict", ALL)
 
 
 def metrics_grid(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> Grid:
@@ -41,11 +50,11 @@ def differences_grid(
             one = pair.differences.get(component) if pair else None
             if one and one.found.value == one.found.value:
                 unit = row.metrics["rmse", component].unit
-                wins = f"{100.0 * one.wins:.0f} % of {one.found.n}" if one.found.n else ""
+                wins = f"{share(one.wins)} of {one.found.n}" if one.found.n else ""
                 cells = (figure(one.found, 0.0), interval(one.found, 0.0), p_value(one.p_holm), wins)
-                lines.append([str(number), row.label, f"{component} [{unit}]", *cells])
+                lines.append([str(number), row.label, with_unit(component, unit), *cells])
     title = f"RMSE less that of row {against}, {rows[against - 1].label}, on the same truth and readings"
-    headings = ["", "", "component", "difference", "interval, Holm", "p, Holm", "better in, of runs"]
+    headings = ["", "", "component", "difference", HOLM_INTERVAL, HOLM_P, "better in, of runs"]
     return Grid(title, headings, lines, 3) if lines else None
 
 
@@ -59,10 +68,6 @@ def not_paired(rows: Sequence[ComparisonRow], against: int, pairs: Mapping[str, 
         f"row{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))} not paired with row {against}: {why}"
         for why, numbers in reasons.items()
     ]
-
-
-def p_value(p: float) -> str:
-    return "" if p != p else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
 
 
 def write(
@@ -98,11 +103,11 @@ def write(
 
 
 def _numbers(row: ComparisonRow, metric: Metric) -> dict[str, Any]:
-    name = metric[0] if metric[1] == "all" else ".".join(metric)
+    name = column(*metric)
     if metric == VERDICT:
         return {"verdict": row.verdict}
     one = row.metrics.get(metric)
-    if metric[0] in _COUNTS:
+    if metric[0] in DIVERGED:
         return {name: one.found.value if one else None, f"{name}.of": one.found.n if one else None}
     return {
         name: one.found.value if one else None,
@@ -126,17 +131,12 @@ def _title(rows: Sequence[ComparisonRow]) -> str:
 
 
 def _heading(metric: Metric, units: set[str]) -> str:
-    name, component = metric
-    unit = f" [{next(iter(units))}]" if len(units) == 1 and units != {""} and name not in _COUNTS else ""
-    return f"{_SPOKEN.get(name, name)}{'' if component == 'all' else f' {component}'}{unit}"
+    return heading(*metric, next(iter(units)) if len(units) == 1 else "")
 
 
 def _cell(row: ComparisonRow, metric: Metric, with_unit: bool) -> str:
     if metric == VERDICT:
         return row.verdict
     one = row.metrics.get(metric)
-    if one is None or one.found.value != one.found.value:
-        return ""
-    if metric[0] in _COUNTS:
-        return f"{one.found.value:.0f} of {one.found.n}"
-    return f"{bracketed(one.found)}{f' {one.unit}' if with_unit else ''}"
+    cell = written_with_interval(metric[0], one.found) if one else ""
+    return f"{cell} {one.unit}" if one and cell and with_unit else cell

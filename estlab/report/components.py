@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estlab.maths.space import Array, Space
+from estlab.metrics.vocabulary import heading
 from estlab.report.figures import colours, labelled, legend_below, logarithmic, new_figure, said, short
 
 if TYPE_CHECKING:
@@ -64,9 +65,9 @@ def draw_components(errors: Mapping[str, Columns], space: Space, title: str) -> 
         mine = [i for i, of in enumerate(space.units) if of == unit]
         at, drawn = np.arange(len(mine)), []
         for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
-            for key, style, what in (("rmse", "o-", "RMSE"), ("mean_sigma", ":", "mean sigma")):
+            for key, style in (("rmse", "o-"), ("mean_sigma", ":")):
                 values = root_mean(columns, key, space.size)[mine]
-                label = short(what if len(errors) == 1 else f"{name}, {what}")
+                label = short(heading(key) if len(errors) == 1 else f"{name}, {heading(key)}")
                 axes.plot(at, values, style, ms=3, lw=1.0, color=colour, label=label)
                 drawn.append(values[np.isfinite(values) & (values > 0.0)])
         seen = np.concatenate(drawn)
@@ -78,6 +79,6 @@ def draw_components(errors: Mapping[str, Columns], space: Space, title: str) -> 
             axes.set_xticks(at, names, rotation=90 if len(mine) > MOST else 0, fontsize="small")
         else:
             axes.set_xlabel(f"component, by its place among those in {said(unit)}" if len(units) > 1 else "component")
-        axes.set_ylabel(labelled("RMSE", unit))
+        axes.set_ylabel(labelled(heading("rmse"), unit))
     legend_below(figure, panels[0])
     return figure

@@ -7,6 +7,7 @@ from typing import Any
 
 import rich.console
 from rich.segment import Segment
+from rich.text import Text
 
 from estlab.errors import printable
 
@@ -26,6 +27,11 @@ def console() -> Console:
     """Standard output; wide enough for the tables where it is not a terminal."""
     out = Console(highlight=False)
     return out if out.is_terminal else Console(highlight=False, width=240, color_system=None)
+
+
+def print_line(line: str, style: str = "") -> None:
+    """Print a line on standard output, however long it is."""
+    console().print(Text(line, style=style), soft_wrap=True)
 
 
 @contextmanager

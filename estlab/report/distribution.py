@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab.maths.space import Space
+from estlab.metrics.vocabulary import heading
 from estlab.report.figures import colours, labelled, legend_below, logarithmic, new_figure, short
 
 if TYPE_CHECKING:
@@ -23,8 +24,8 @@ def draw_distribution(by_filter: Mapping[str, Rows], space: Space, title: str) -
     chosen = "position" if space.position else space.names[0]
     unit = space.units[space.position[0] if space.position else 0]
     panels = {
-        labelled(f"RMSE of a run, {chosen}", unit, 60): _bins(by_filter, "rmse", chosen),
-        "NEES / n of a run": _bins(by_filter, "anees", "all"),
+        labelled(f"{heading('rmse')} of a run, {chosen}", unit, 60): _bins(by_filter, "rmse", chosen),
+        f"{heading('anees')} of a run": _bins(by_filter, "anees", "all"),
     }
     panels = {what: bins for what, bins in panels.items() if any(bins.values())}
     figure, axes = new_figure(1, title, 3.6, columns=max(1, len(panels)))

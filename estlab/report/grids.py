@@ -18,24 +18,26 @@ _LATEX = {
     **{"[": "{[}", "]": "{]}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
     **{"×": r"$\times$", "·": r"$\cdot$", "…": r"\dots{}", "±": r"$\pm$", "²": r"$^2$", "−": "$-$"},
 }
+FAILED = "FAILED"  # in a cell
+_STYLES = {FAILED: "bold red"}
 
 
 class Grid(NamedTuple):
-    """A title, headings and lines of as many cells; the first words of a line are to the left, numbers to the right."""
+    """A title, headings and lines of as many cells. left: columns of words, before those of numbers."""
 
     title: str
     headings: Sequence[str]
     lines: Sequence[Sequence[str]]
-    left: int
+    left: int = 1
 
 
 def show(grid: Grid) -> None:
     """Print it on the terminal."""
     table = Table(title=Text(printable(grid.title)), title_justify="left", title_style="bold", box=None, pad_edge=False)
     for i, heading in enumerate(grid.headings):
-        table.add_column(Text(printable(heading)), justify="left" if i < grid.left else "right")
+        table.add_column(Text(printable(heading)), justify="left" if i < grid.left else "right", overflow="fold")
     for line in grid.lines:
-        table.add_row(*(Text(printable(cell)) for cell in line))
+        table.add_row(*(Text(printable(cell), style=_STYLES.get(cell, "")) for cell in line))
     console().print(table)
 
 
@@ -69,8 +71,3 @@ def latex(grid: Grid) -> str:
 def _escaped(text: str, signs: dict[str, str]) -> str:
     found = "|".join(map(re.escape, signs))
     return re.sub(found, lambda match: signs[match[0]], printable(text))
-
-
-def say(line: str) -> None:
-    """Print a line beside the tables."""
-    console().print(Text(printable(line)), soft_wrap=True)

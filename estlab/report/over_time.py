@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estlab.maths.space import Array, Space
+from estlab.metrics.vocabulary import BAND as BAND_LABEL
+from estlab.metrics.vocabulary import heading, unit_of
 from estlab.report import components
 from estlab.report.components import Columns
 from estlab.report.figures import (
@@ -157,9 +159,10 @@ def _any(values: Array) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, title: str, runs: range) -> "Figure":
+def draw_consistency(by_filter: Mapping[str, Columns], column: str, title: str, runs: range) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = new_figure(1, title, 3.6)
+    what = heading(column)
     tints = dict(zip(by_filter, colours(len(by_filter)), strict=True))
     shown = {name: columns for name, columns in by_filter.items() if columns["time"].size}
     longest = max(columns["time"].size for columns in shown.values())
@@ -175,7 +178,7 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, what: str, t
         axes.plot(broken["time"], values, style, ms=2, color=tints[name], lw=1.0, label=label)
     band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
     if np.isfinite(band["upper"]).any():  # not of a sample too small to have one
-        label = short("95 % of a consistent filter" + ("" if len(shown) == 1 else f", for {first}"))
+        label = short(BAND_LABEL + ("" if len(shown) == 1 else f", for {first}"))
         axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
     low, high, note = _span(shown, column, 0.005 if dense else 0.0)
@@ -217,7 +220,7 @@ def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
     for (name, columns), colour in zip(notes.items(), colours(len(notes)), strict=True):
         line(axes, columns, "mean", color=colour, lw=1.0, label=short(f"{name}, mean of {len(runs)} runs"))
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("effective sample size [particles]")
+    axes.set_ylabel(heading("ess", unit=unit_of("ess")))
     axes.set_xlabel("time [s]")
     legend_below(figure, axes)
     return figure

@@ -10,6 +10,7 @@ import numpy as np
 from estlab import rundir
 from estlab.comparison.rows import ComparisonRow
 from estlab.errors import UserError
+from estlab.metrics.vocabulary import BAND, heading
 from estlab.report.components import chosen as few
 from estlab.report.components import selection
 from estlab.report.figures import (
@@ -85,7 +86,7 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
             lines = one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)]
             _line(axis, lines, "rmse", style, colour, one.label)
         _scale(axis)
-        named(axis, f"RMSE {component}", unit)
+        named(axis, heading("rmse", component), unit)
     if with_nees:
         _draw_nees(axes[-1], curves)
     axes[-1].set_xlabel("time [s]")
@@ -118,11 +119,11 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
     bands = [one.nees[["time", "lower", "upper"]].reset_index(drop=True) for one in curves]
     alike = all(band.equals(bands[0]) for band in bands)
     band = broken_at_gaps({name: bands[0][name].to_numpy() for name in ("time", "lower", "upper")})
-    label = "95 % of a consistent filter" + ("" if alike else f", row {curves[0].label.split()[0]}")
+    label = BAND + ("" if alike else f", row {curves[0].label.split()[0]}")
     axes.fill_between(band["time"], band["lower"], band["upper"], color="0.6", alpha=0.35, lw=0, label=label)
     axes.axhline(1.0, color="0.4", lw=0.8)
     _scale(axes)
-    axes.set_ylabel("NEES / n")
+    axes.set_ylabel(heading("anees"))
 
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:

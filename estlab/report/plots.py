@@ -86,17 +86,17 @@ def components(data: PlotData) -> "Figure | None":
 
 @picture
 def nees(data: PlotData) -> "Figure | None":
-    return _consistency(data, rundir.NEES, "anees", "NEES / n")
+    return _consistency(data, rundir.NEES, "anees")
 
 
 @picture
 def nis(data: PlotData) -> "Figure | None":
-    return _consistency(data, rundir.NIS, "anis", "NIS / m")
+    return _consistency(data, rundir.NIS, "anis")
 
 
-def _consistency(data: PlotData, file: str, column: str, heading: str) -> "Figure | None":
+def _consistency(data: PlotData, file: str, column: str) -> "Figure | None":
     table = consistency_of(data.tables.get(file, {}), column)
-    return draw_consistency(table, column, heading, data.title, data.runs) if table else None
+    return draw_consistency(table, column, data.title, data.runs) if table else None
 
 
 @picture

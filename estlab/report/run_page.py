@@ -5,19 +5,30 @@ from collections.abc import Callable
 from estlab import rundir
 from estlab.metrics.tally import CAUSES
 from estlab.metrics.verdict import CONSISTENT, LOST, UNDECIDED
+from estlab.metrics.vocabulary import (
+    HOLM_INTERVAL,
+    HOLM_P,
+    INTERVAL,
+    errors_beside,
+    expected,
+    heading,
+    test_heading,
+    with_unit,
+)
 from estlab.report import sections
-from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell, p_cell, share_cell
+from estlab.report.cells import (
+    CsvRow,
+    figure_cell,
+    interval_cell,
+    metric_cell,
+    number_cell,
+    p_cell,
+    share_cell,
+    share_interval_cell,
+)
 from estlab.report.contents import Contents, UnusableError, as_number
 from estlab.report.markup import Cell, Html, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
-
-_TESTS = {
-    "nees": "NEES / {}",
-    "nis": "NIS / {}",
-    "bias": "bias {} [sigma]",
-    "whiteness": "correlation of innovations",
-    "inside_3sigma": "share of {} inside 3 sigma, should be that or more",
-}
 
 Make = Callable[[], Html]
 
@@ -110,20 +121,16 @@ class _Run:
             return note("The truth is not known, so there are no errors to speak of.")
         lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
         bounded = any(metric == "efficiency" for _, metric, _ in self.found)
-        headings = ["component", *self.filter, "RMSE", "95 % interval", *["of converged runs"] * lost]
-        headings += [*["bound / RMSE"] * bounded, "median |error|", "mean sigma", "inside 3 sigma", "time scored"]
+        beside = errors_beside(lost, bounded)
+        headings = ["component", *self.filter, heading("rmse"), INTERVAL, *map(heading, beside)]
         rows = []
         for filter, name in found:
             at = {
                 metric: row for (of, metric, component), row in self.found.items() if (of, component) == (filter, name)
             }
             unit = at["rmse"].get("unit", "")
-            cells: list[str | Cell] = [f"{name} [{unit}]", *self.named(filter), figure_cell(at["rmse"])]
-            cells += [interval_cell(at["rmse"]), *[figure_cell(at.get("rmse_converged"))] * lost]
-            cells += [figure_cell(at.get("efficiency"))] * bounded
-            cells += [figure_cell(at.get("median_abs_error")), figure_cell(at.get("mean_sigma"))]
-            cells += [share_cell(at.get("inside_3sigma")), share_cell(at.get("scored"))]
-            rows.append(cells)
+            cells: list[str | Cell] = [with_unit(name, unit), *self.named(filter), metric_cell("rmse", at["rmse"])]
+            rows.append([*cells, interval_cell(at["rmse"]), *(metric_cell(one, at.get(one)) for one in beside)])
         return table("Root mean square errors over runs, with 95 % intervals", headings, rows)
 
     def tests(self) -> Html:
@@ -131,10 +138,11 @@ class _Run:
         rows: list[list[str | Cell]] = []
         for row in found.rows:
             test, outcome = row.get("test", ""), row.get("outcome", "")
-            rows.append([*self.named(row.get("filter", "")), _TESTS.get(test, test).replace("{}", row.get("of", ""))])
-            rows[-1] += [figure_cell(row), interval_cell(row), number_cell(row.get("expected"))]
+            should_be = Cell(expected(test, as_number(row.get("expected"))), as_number(row.get("expected")))
+            rows.append([*self.named(row.get("filter", "")), test_heading(test, row.get("of", ""))])
+            rows[-1] += [figure_cell(row), interval_cell(row), should_be]
             rows[-1] += [p_cell(row.get("p_holm")), f"✗ {outcome}" if outcome == "rejected" else outcome]
-        headings = (*self.filter, "test", "found", "interval, Holm", "should be", "p, Holm", "outcome")
+        headings = (*self.filter, "test", "found", HOLM_INTERVAL, "should be", HOLM_P, "outcome")
         return join([table("Tests of consistency over the runs", headings, rows), note(found.remark)])
 
     def comparison(self) -> Html:
@@ -143,7 +151,7 @@ class _Run:
             (
                 row.get("filter", ""),
                 row.get("against", ""),
-                f"{row.get('component', '')} [{row.get('unit', '')}]",
+                with_unit(row.get("component", ""), row.get("unit", "")),
                 figure_cell(row, "difference"),
                 interval_cell(row, "difference"),
                 p_cell(row.get("p_holm")),
@@ -158,8 +166,8 @@ class _Run:
             "against",
             "component",
             "difference in RMSE",
-            "interval, Holm",
-            "p, Holm",
+            HOLM_INTERVAL,
+            HOLM_P,
             "real?",
             "better in",
             "time to the other's",
@@ -180,10 +188,10 @@ class _Run:
         for key, at in lines.items():
             rows.append([*key])
             for sigma, _ in sigmas:
-                rows[-1] += [share_cell(at.get(sigma), "share"), _percents(at.get(sigma))]
+                rows[-1] += [share_cell(at.get(sigma), "share"), share_interval_cell(at.get(sigma))]
         headings = ["component", *self.filter, "when"]
         for sigma, nominal in sigmas:
-            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).shown})", "95 % interval"]
+            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).shown})", INTERVAL]
         caption = "Shares within 1, 2 and 3 sigma; in brackets what a consistent filter has; all: jointly"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
@@ -202,7 +210,7 @@ class _Run:
             for row, good in zip(found.rows, met, strict=True)
         ]
         word = tag("span", f"{sum(met)} of {len(met)} met", class_=f"word {'good' if all(met) else 'bad'}")
-        headings = ("filter", "expectation", "expected", "found", "95 % interval", "outcome")
+        headings = ("filter", "expectation", "expected", "found", INTERVAL, "outcome")
         return join([tag("p", word), table("What the run was expected to find", headings, rows), note(found.remark)])
 
     def own(self) -> Html:
@@ -219,11 +227,5 @@ class _Run:
         for row in found.rows:
             rows.append([*(row.get(column, "") for column in columns), figure_cell(row), interval_cell(row)])
             rows[-1].append(number_cell(row.get("n")))
-        headings = (*columns, "value", "95 % interval", "runs")
+        headings = (*columns, "value", INTERVAL, "runs")
         return join([table("Every row of metrics.csv", headings, rows, filtered=True), note(found.remark)])
-
-
-def _percents(row: CsvRow | None) -> Cell:
-    """An interval of shares."""
-    low, high = (as_number(row.get(key)) if row else float("nan") for key in ("ci_low", "ci_high"))
-    return Cell(f"{100.0 * low:.1f} to {100.0 * high:.1f} %", low) if low == low and high == high else Cell("")

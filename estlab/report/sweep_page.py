@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from estlab import rundir
+from estlab.metrics.vocabulary import INTERVAL, column_heading, usual_columns
 from estlab.report import sections
 from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
@@ -20,9 +21,6 @@ _HELD = {
     FAILURES: "each attempt that failed",
     TUNING: "the trials of a tuning: values, objective, the best so far",
 }
-# The metrics that the table of jobs has room for; the rest is in sweep.csv.
-_SHOWN = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
-_ENDS = (".low", ".high")
 
 
 def sweep_page(contents: Contents) -> sections.Page:
@@ -86,10 +84,10 @@ class _Sweep:
         found = self.contents.table(SWEEP)
         columns = list(found.rows[0]) if found.rows else []
         keys = [column for column in columns if column in (*self.keys, "filter", "status") and column != "job"]
-        figures = _figures(columns)
+        figures = usual_columns(columns)
         headings = ["job", *keys, *["time [s]"] * ("wall_time_s" in columns)]
         for column in figures:
-            headings += [_heading(column), *["95 % interval"] * (f"{column}.low" in columns)]
+            headings += [column_heading(column), *[INTERVAL] * (f"{column}.low" in columns)]
         rows_ = []
         for row in found.rows:
             cells: list[str | Cell] = [self._job(row.get("job", "")), *(_value(row.get(key, "")) for key in keys)]
@@ -112,11 +110,11 @@ class _Sweep:
     def groups(self) -> Html:
         found = self.contents.table(GROUPS)
         columns = list(found.rows[0]) if found.rows else []
-        figures = _figures(columns)
+        figures = usual_columns(columns)
         keys = [column for column in columns if column in (*self.keys, "filter", "repeats")]
         headings = list(keys)
         for column in figures:
-            headings += [_heading(column), *["95 % interval"] * (f"{column}.low" in columns)]
+            headings += [column_heading(column), *[INTERVAL] * (f"{column}.low" in columns)]
         rows = [[*(_value(row.get(key, "")) for key in keys), *_metrics(row, columns, figures)] for row in found.rows]
         return join([table("Means over repeats", headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
@@ -164,17 +162,6 @@ def _status(contents: Contents, job: str) -> str:
         return rundir.state_of(contents.record(f"{job}/{rundir.STATUS}"))
     except UnusableError:
         return "left"
-
-
-def _figures(columns: list[str]) -> list[str]:
-    """The metrics that are shown: the position's RMSE or each component's, consistency, the verdict."""
-    errors = [column for column in columns if column.startswith("rmse.") and not column.endswith(_ENDS)]
-    errors = [column for column in errors if column in ("rmse.position", "rmse.all")][:1] or errors
-    return [*errors, *(column for column in (*_SHOWN, "verdict") if column in columns)]
-
-
-def _heading(column: str) -> str:
-    return _SHOWN.get(column, column.replace("rmse.", "RMSE "))
 
 
 def _metrics(row: CsvRow, columns: list[str], figures: list[str]) -> list[Cell]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estlab import rundir
+from estlab.metrics.vocabulary import column_heading
 from estlab.report.components import chosen, selection
 from estlab.report.figures import png, said, short
 
@@ -166,8 +167,7 @@ def draw_maps(
             if axes in grid[-1]:
                 axes.set_xlabel(said(across))
         row[0].set_ylabel(said(down))
-        unit = f" [{units[column]}]" if units.get(column) else ""
-        figure.colorbar(image, ax=list(row), label=said(_shown(column) + unit))
+        figure.colorbar(image, ax=list(row), label=said(column_heading(column, units.get(column, ""))))
     return figure
 
 
@@ -190,17 +190,10 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
-    label = _shown(column) + (f" [{units[column]}]" if units.get(column) else "")
-    axes.set_ylabel(textwrap.fill(said(label), 20))
+    axes.set_ylabel(textwrap.fill(said(column_heading(column, units.get(column, ""))), 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)
-
-
-def _shown(column: str) -> str:
-    metric, _, component = column.partition(".")
-    words = {"rmse": "RMSE", "anees": "NEES / n", "anis": "NIS / m"}.get(metric, metric.replace("_", " "))
-    return words if component == "all" else f"{words} {component}"
 
 
 def _value_scale(axes: "Axes", values: "Series[float]") -> None:

@@ -4,34 +4,34 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rich.table import Table
-from rich.text import Text
-
 from estlab.launch.arguments import OF_A_SWEEP
 from estlab.launch.launcher import complain
-from estlab.report.console import console
+from estlab.metrics.intervals import Estimate
+from estlab.metrics.vocabulary import column_heading, split_column, usual_columns, written
+from estlab.report import grids
+from estlab.report.console import print_line
+from estlab.report.grids import Grid
 from estlab.sweeps import split, state, table
 from estlab.sweeps.state import Outcome, Planned
 
 _LINES = 40  # rows of a table that are shown
 _FAILURES = 20
 
-_WORDS = {"anees.all": "NEES / n", "anis.all": "NIS / m", "diverged.all": "diverged"}
+_ERRORS = 4  # components whose RMSE is printed
 
 
 def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
     """A line a job: its directory, what is typed for it, and whether it is done."""
-    out = console()
     width = max(len(job.name) for job in planned)
     for job in planned:
         words = [word for word in job.overrides if word not in OF_A_SWEEP and not word.startswith("sweep.")]
         found = outcomes[job.name]
         done = f"  ({found.state})" if found.whole else ""
-        out.print(Text(f"{job.name:{width}}  {' '.join(words)}{done}"), soft_wrap=True)
+        print_line(f"{job.name:{width}}  {' '.join(words)}{done}")
     left = sum(not outcomes[job.name].whole for job in planned)
     parts = sum(job.parts for job in planned)
     split_up = f" in {parts} parts" if parts > len(planned) else ""
-    out.print(f"{len(planned)} job{'s' * (len(planned) > 1)}{split_up}, {left} to run")
+    print_line(f"{len(planned)} job{'s' * (len(planned) > 1)}{split_up}, {left} to run")
 
 
 def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
@@ -41,8 +41,8 @@ def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
         most = max(job.parts for job in fewer)
         jobs = f"{len(fewer)} jobs run" if len(fewer) > 1 else f"{fewer[0].name} runs"
         parts = f"{'at most ' * (len({job.parts for job in fewer}) > 1)}{most} part{'s' * (most > 1)}"
-        told = f"{jobs} in {parts}, one for each block of block_runs runs; a lower block_runs makes more"
-        complain(f"sweep.split_runs={wanted}: {told}")
+        why = f"{jobs} in {parts}, one for each block of block_runs runs; a lower block_runs makes more"
+        complain(f"sweep.split_runs={wanted}: {why}")
 
 
 def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
@@ -70,25 +70,24 @@ def summary(
     sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, notes: Sequence[str]
 ) -> None:
     """A line a job and filter, or a line a group of repeats; every failure, how many of each, and where it all is."""
-    out = console()
     rows = jobs = table.job_rows(planned, outcomes)
     keys = [*table.swept_keys(planned), "filter"]
     columns = ["job", *keys, "status"]
     if repeats > 1:
         rows = table.group_rows(jobs, planned)
         columns = [*(key for key in keys if key != "seed"), "repeats"]
-    out.print(_table(rows[:_LINES], columns, table.units(outcomes)))
+    grids.show(_grid(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
-        out.print(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
+        print_line(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
     failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
     for note in notes:
-        out.print(Text(f"note: {note}"), soft_wrap=True)
+        print_line(f"note: {note}")
     counts = Counter({row["job"]: row["status"] for row in jobs}.values())
-    out.print(", ".join(f"{counts[word]} {word}" for word in ("ok", "unmet", "failed", "left") if counts[word]))
-    out.print(Text(str(sweep)), soft_wrap=True)
+    print_line(", ".join(f"{counts[word]} {word}" for word in ("ok", "unmet", "failed", "left") if counts[word]))
+    print_line(str(sweep))
 
 
-def unlike_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
+def differing_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
     """A line for each module of plugins whose source is not the same in all jobs that are ok."""
     hashes: dict[str, Counter[str]] = {}
     for found in outcomes.values():
@@ -104,44 +103,29 @@ def unlike_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
 
 def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
     """A line for each job and part that failed or found what was not expected, as many as a person reads."""
-    out = console()
     failed = [(name, found) for name, found in outcomes if found.state in ("unmet", "failed", "damaged")]
     for name, found in failed[:_FAILURES]:
         word = "unmet" if found.whole else "failed"
-        out.print(Text(f"{word}: {name}: {found.error} ({sweep / name})"), soft_wrap=True)
+        print_line(f"{word}: {name}: {found.error} ({sweep / name})")
     if len(failed) > _FAILURES:
-        out.print(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
+        print_line(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
 
 
-def _table(rows: Sequence[table.SweepRow], columns: Sequence[str], units: Mapping[str, str]) -> Table:
-    shown = Table(box=None, pad_edge=False)
-    metrics = _metrics(rows)
-    for i, column in enumerate([*columns, *metrics]):
-        shown.add_column(Text(_heading(column, units)), justify="left" if i == 0 else "right")
+def _grid(rows: Sequence[table.SweepRow], columns: Sequence[str], units: Mapping[str, str]) -> Grid:
+    """The rows with the few metrics that a terminal has room for."""
+    metrics = usual_columns(list(rows[0]) if rows else [], _ERRORS)
+    headings = [*columns, *(column_heading(one, units.get(one, "")) for one in metrics)]
+    lines = []
     for row in rows:
-        told = [row[column].partition("_")[0] if column == "job" else row[column] for column in columns]
-        numbers = [_number(row[name]) for name in metrics]
-        shown.add_row(*(Text(cell) for cell in [*told, *numbers]))
-    return shown
+        cells = [row[column].partition("_")[0] if column == "job" else row[column] for column in columns]
+        lines.append([*cells, *(_written(row, metric) for metric in metrics)])
+    return Grid("", headings, lines)
 
 
-def _heading(column: str, units: Mapping[str, str]) -> str:
-    if column in _WORDS:
-        return _WORDS[column]
-    unit = f" [{units[column]}]" if units.get(column) else ""
-    return column.replace("rmse.", "RMSE ") + unit
-
-
-def _metrics(rows: Sequence[table.SweepRow]) -> list[str]:
-    """The few metrics that a terminal has room for: the position's RMSE, or each component's, and consistency."""
-    columns = list(rows[0]) if rows else []
-    errors = [c for c in columns if c.startswith("rmse.") and not c.endswith((".low", ".high"))]
-    errors = [c for c in errors if c in ("rmse.position", "rmse.all")][:1] or errors[:4]
-    return [*errors, *(column for column in [*_WORDS, table.VERDICT] if column in columns)]
-
-
-def _number(cell: str) -> str:
+def _written(row: table.SweepRow, column: str) -> str:
+    """A metric of a row, a verdict as it is."""
     try:
-        return f"{float(cell):.3g}"
+        value, low, high = (float(row.get(name) or "nan") for name in (column, f"{column}.low", f"{column}.high"))
     except ValueError:
-        return cell
+        return row[column]
+    return written(split_column(column)[0], Estimate(value, low, high, 0))

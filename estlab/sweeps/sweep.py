@@ -62,7 +62,7 @@ class SweepRunner:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
-        notes += announcements.unlike_plugins(outcomes)
+        notes += announcements.differing_plugins(outcomes)
         announcements.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:

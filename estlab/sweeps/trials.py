@@ -1,4 +1,4 @@
-"""The trials of a tuning: their table, their picture, and what a person is told of the best."""
+"""The trials of a tuning: their table, their picture, and what is printed of the best."""
 
 import math
 import shlex
@@ -10,21 +10,19 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal
 
-from rich.table import Table
-from rich.text import Text
-
 from estlab import rundir
 from estlab.launch.arguments import OF_A_SWEEP
 from estlab.launch.path_arguments import as_typed
 from estlab.metrics.objective import Objective
-from estlab.report import csv_tables
-from estlab.report.console import console
+from estlab.report import csv_tables, grids
+from estlab.report.console import print_line
+from estlab.report.grids import Grid
 from estlab.rundir import files
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
 
 TUNING = "tuning.csv"
-_SHOWN = 5  # the best trials
+_LISTED = 5  # the best trials
 _END = 0.02  # of an interval, near which a value is at its end
 
 
@@ -104,25 +102,22 @@ def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[
 
 def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
     """The best trials, the best as a command that can be typed, and where it all is."""
-    out, best = console(), ranked(trials)
-    shown = Table(box=None, pad_edge=False)
-    for heading in ("trial", *(trials[0].job.values if trials else ()), objective.words):
-        shown.add_column(Text(heading), justify="right")
-    for trial in best[:_SHOWN]:
-        shown.add_row(str(trial.job.number), *trial.job.values.values(), f"{trial.objective:.5g}")
-    out.print(shown)
+    best = ranked(trials)
+    headings = ("trial", *(trials[0].job.values if trials else ()), objective.words)
+    lines = [[str(one.job.number), *one.job.values.values(), f"{one.objective:.5g}"] for one in best[:_LISTED]]
+    grids.show(Grid("", headings, lines, left=0))
     for trial in trials:
         if trial.state == "no objective":
-            out.print(Text(f"no objective: {trial.job.name}: {trial.error}"), soft_wrap=True)
+            print_line(f"no objective: {trial.job.name}: {trial.error}")
     for note in notes:
-        out.print(Text(f"note: {note}"), soft_wrap=True)
+        print_line(f"note: {note}")
     counts = Counter([*(trial.state for trial in trials), *["left"] * (wanted - len(trials))])
     words = ("ok", "unmet", "failed", "no objective", "left")
-    out.print(", ".join(f"{counts[word]} {word}" for word in words if counts[word]))
+    print_line(", ".join(f"{counts[word]} {word}" for word in words if counts[word]))
     if best:
-        out.print(Text(f"best: {command(best[0])}"), soft_wrap=True)
-        out.print(Text(str(sweep / best[0].job.name)), soft_wrap=True)
-    out.print(Text(str(sweep)), soft_wrap=True)
+        print_line(f"best: {command(best[0])}")
+        print_line(str(sweep / best[0].job.name))
+    print_line(str(sweep))
 
 
 def command(trial: Trial) -> str:

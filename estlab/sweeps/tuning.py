@@ -160,7 +160,7 @@ class Tuning:
         except OSError as error:
             notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
             code = max(code, FAILED)
-        notes += announcements.unlike_plugins(outcomes)
+        notes += announcements.differing_plugins(outcomes)
         announcements.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
         trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
         write_page(self.directory)

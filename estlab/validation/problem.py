@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from estlab.errors import AnswerError
-from estlab.filters.filter import Filter
-from estlab.filters.gaussian import DeadReckoning
+from estlab.filters.filter import AnyFilter
 from estlab.filters.loop import Scheme
 from estlab.maths.space import Array
 from estlab.models.answers import refuse
@@ -51,7 +50,7 @@ def recorded(scenario: Scenario, make: "partial[Any]", runs: int) -> Record:
     return record
 
 
-def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, filters: Sequence[Filter]) -> None:
+def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, filters: Sequence[AnyFilter]) -> None:
     """Raise AnswerError unless the models that filters assume match a record, and work from its start on."""
     where = name_of(scenario)
     check_readings(f"{where}: record", record.readings, sensor.space, sensor.landmarks)
@@ -60,7 +59,7 @@ def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, fi
     if record.readings.step.size == 0:
         return
     try_sensor(f"{where}.sensor", sensor, begin, sensor.landmark(record.readings.landmark_number[0]))
-    if not all(isinstance(filter, DeadReckoning) for filter in filters):
+    if any(filter.traits.reads for filter in filters):
         check_noise(f"{where}.sensor", sensor)
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from estlab.filters.filter import Filter, Innovation, Sample
+from estlab.filters.filter import AnyFilter, Innovation, Sample
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
@@ -15,7 +15,7 @@ from estlab.record import Record
 
 @quietly
 def try_filter(
-    where: str, filter: Filter, motion: Motion, sensor: Sensor, record: Record, generators: Generators
+    where: str, filter: AnyFilter, motion: Motion, sensor: Sensor, record: Record, generators: Generators
 ) -> None:
     """Raise AnswerError unless the filter works over a step of the record. generators: for all its runs."""
     runs = record.runs if record.each_its_own else 1
@@ -52,7 +52,7 @@ def try_filter(
         numbers(where, f"notes returned for {name}", values, (runs,), finite=False)
 
 
-def _check_moments(where: str, filter: Filter, belief: Any, motion: Motion, runs: int) -> None:
+def _check_moments(where: str, filter: AnyFilter, belief: Any, motion: Motion, runs: int) -> None:
     n, found = motion.space.size, filter.moments(belief, motion)
     instance(where, "moments returned", found, Gaussian)
     numbers(where, "moments returned as mean", found.mean, (n, runs), finite=False)

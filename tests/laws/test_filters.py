@@ -1,9 +1,13 @@
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from estlab.filters.filter import Traits
 from estlab.filters.gaussian import GaussianFilter, dead_reckoning, extended, unscented
+from estlab.filters.loop import Loop
+from estlab.filters.particle import ParticleFilter
 from estlab.filters.square_root import square_root_unscented
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.resampling import Weights
@@ -12,7 +16,7 @@ from estlab.maths.streams import Streams
 from estlab.models.contract import Sensor
 from estlab.record import Readings, Record
 from tests import linear
-from tests.conftest import estimate, settings
+from tests.conftest import estimate, options, settings
 
 UKF = unscented("merwe", 1.0, 2.0, 0.0, "augmented", None)
 
@@ -198,3 +202,47 @@ def test_a_noise_that_is_off_is_no_trouble(name):
     still = replace(linear.MOTION, noise_cov=lambda control, dt: np.zeros((2, 2)))
     found = estimate(settings(f"filter={name}").filter, still, linear.SENSOR, linear.record(range(2), steps=5))
     assert np.isfinite(found.mean).all()
+
+
+@pytest.mark.parametrize("name", options("filter"))
+def test_a_filter_says_of_itself_what_it_does(name):
+    """What is declared is held to what is done with a reading, a gate and a smoother."""
+    wanted = settings("scenario=epuck", "runs=2", f"filter={name}")
+    filter, traits = wanted.filter, wanted.filter.traits
+    record = wanted.scenario.simulate(Streams(1, "test"), range(2), wanted.noise.truth)
+    loop = Loop(
+        filter,
+        wanted.scenario.motion(wanted.noise.filter),
+        wanted.scenario.sensor(wanted.noise.filter, record.landmarks),
+    )
+    found = loop.estimate(record.first(6), Streams(1, "test").generators("filter", range(2)))
+    assert traits.reads == bool(np.isfinite(found.whitened).any())
+    assert bool(traits.sampled_by) == (found.sample is not None)
+    assert traits.points == (getattr(filter, traits.sampled_by) if traits.sampled_by else 1)
+    assert found.gate == traits.gate
+    if traits.smooths:
+        loop.check_smoother()
+        loop.estimate_and_smooth(record.first(6), Streams(1, "test").generators("filter", range(2)))
+    else:
+        with pytest.raises(ValueError, match="this filter has no smoother; use one of the Gaussian family"):
+            loop.check_smoother()
+        belief = filter.start(record.prior, Streams(1, "test").generators("filter", range(2)))
+        with pytest.raises(NotImplementedError, match="has no propagate"):
+            filter.propagate(loop.motion, belief, record.control[:, 0], 0.1)
+
+
+@pytest.mark.parametrize(
+    ("declared", "line"),
+    [
+        ({"points": 1}, "traits is a dict; must be a Traits"),
+        (Traits(points=0.5), "traits.points is 0.5; must be a whole number >= 1"),
+        (Traits(smooths=True), "traits.smooths is true, so the filter must define propagate"),
+    ],
+)
+def test_what_a_filter_says_of_itself_is_checked_before_it_runs(declared, line):
+    class Own(ParticleFilter):
+        traits = declared
+
+    own = Own(10, "systematic", 0.5, 0.0, 0.0, 0.0, "bootstrap", "flatten")
+    with pytest.raises(ValueError, match=f"^{re.escape(line)}$"):
+        Loop(own, linear.MOTION, linear.SENSOR).check()
