@@ -214,7 +214,7 @@ def _expectation(path: tuple[str, ...], leaf: Any, filters: Sequence[str]) -> Ex
     if len(names) > (0 if metric == VERDICT else 1):
         near = next((near for name in names if (near := nearest(name, [*filters, "min", "max"]))), "")
         if whose is None:
-            raise UserError(f"{key}: this run has no filter {' or '.join(names)}{near} (one of {', '.join(filters)})")
+            raise UserError(f"{key}: there is no filter {' or '.join(names)} here{near} (one of {', '.join(filters)})")
         raise UserError(f"{key}: {names[-1]} is one name too many{near}; write metric, filter and component")
     allowed = _words(leaf, key) if metric == VERDICT else _bounds(leaf, key)
     return Expectation(metric, whose, names[0] if names else None, allowed)

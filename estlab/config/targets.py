@@ -36,7 +36,7 @@ def located(name: str, path: str, allowed: tuple[str, ...]) -> Any:
     _check_name(name, path, allowed)
     found = _imported(name, path, allowed)
     if not (inspect.isclass(found) or inspect.isfunction(found)):
-        raise UserError(f"{path}: no class or function {name}")
+        raise UserError(f"{path}: there is no class or function {name}")
     _check_name(f"{found.__module__}.{found.__qualname__}", path, allowed)
     return found
 
@@ -46,7 +46,7 @@ def _imported(name: str, path: str, allowed: tuple[str, ...]) -> Any:
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{path}: no {name} ({error})") from error
+        raise UserError(f"{path}: there is no {name} ({error})") from error
     except (Exception, SystemExit) as error:
         if fault := plugin_fault(error, allowed[1:]):
             raise PluginError(fault) from error
