@@ -26,14 +26,17 @@ earlier_names.find_modules()
 
 if TYPE_CHECKING:
     from estlab import errors
+    from estlab.api.comparing import compare
     from estlab.api.estimates import FilterEstimates
     from estlab.api.estimation import estimate, make_filter
     from estlab.api.finding import load, runs
     from estlab.api.run import Run
+    from estlab.api.sweeping import Sweep, sweep
     from estlab.errors import EstlabError, UserError
     from estlab.filters.filter import Filter
     from estlab.maths.gaussian_belief import Gaussian
     from estlab.maths.space import Space
+    from estlab.maths.streams import Streams
     from estlab.maths.uniform import Uniform
     from estlab.models.contract import Motion, Sensor
 
@@ -46,12 +49,16 @@ _HOMES = {
     "Run": "estlab.api.run",
     "Sensor": "estlab.models.contract",
     "Space": "estlab.maths.space",
+    "Sweep": "estlab.api.sweeping",
+    "Streams": "estlab.maths.streams",
     "Uniform": "estlab.maths.uniform",
     "UserError": "estlab.errors",
+    "compare": "estlab.api.comparing",
     "estimate": "estlab.api.estimation",
     "load": "estlab.api.finding",
     "make_filter": "estlab.api.estimation",
     "runs": "estlab.api.finding",
+    "sweep": "estlab.api.sweeping",
 }
 _MODULES = ("errors",)
 
@@ -64,14 +71,18 @@ __all__ = [
     "Run",
     "Sensor",
     "Space",
+    "Streams",
+    "Sweep",
     "Uniform",
     "UserError",
     "__version__",
+    "compare",
     "errors",
     "estimate",
     "load",
     "make_filter",
     "runs",
+    "sweep",
 ]
 
 

@@ -48,7 +48,12 @@ def load(path: str | PathLike[str] = "latest", plugins: Sequence[str] = ()) -> R
     if len(found) > 1:
         named = ", ".join(map(str, found[:_NAMED])) + (", ..." if len(found) > _NAMED else "")
         raise UserError(f"{word}: holds {len(found)} runs ({named}); name one, or take estlab.runs for all of them")
-    return Run(Stored(finished.read(found[0]), tuple(plugins)))
+    try:
+        return Run(Stored(finished.read(found[0]), tuple(plugins)))
+    except UserError:
+        if why := finished.unfinished(finished.status(found[0])):
+            raise UserError(f"{found[0]}: has no result ({why})") from None
+        raise
 
 
 def runs(*paths: str | PathLike[str]) -> "DataFrame":

@@ -6,16 +6,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from estlab import rundir
 from estlab.api import tables
 from estlab.config.build import Settings, build
 from estlab.config.earlier import completed
 from estlab.errors import UserError, printable
-from estlab.experiment.monte_carlo import SMOOTHED
+from estlab.experiment.monte_carlo import SMOOTHED, history_of
+from estlab.experiment.result import Result
 from estlab.maths.space import Array, Space
+from estlab.report.plots import PlotData
 from estlab.rundir import finished
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from pandas import DataFrame
 
 
@@ -63,6 +68,49 @@ class Source(Protocol):
 
     def arrays(self) -> dict[str, Array]:
         """The arrays of estimates.npz."""
+
+    def plot_data(self) -> PlotData:
+        """What its pictures are drawn from."""
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A result in memory. facts, status: as run.json and status.json have them. path: where it is saved, if it is."""
+
+    result: Result
+    config: Mapping[str, Any]
+    facts: Mapping[str, Any]
+    status: Mapping[str, Any]
+    path: Path | None = None
+
+    @property
+    def scenario(self) -> str:
+        return self.result.names.scenario
+
+    @property
+    def filters(self) -> tuple[str, ...]:
+        return tuple(self.result.filters)
+
+    @property
+    def title(self) -> str:
+        return printable(self.result.title)
+
+    @property
+    def settings(self) -> Settings:
+        return self.result.settings
+
+    @property
+    def space(self) -> Space:
+        return self.settings.scenario.space
+
+    def table(self, file: str) -> "DataFrame":
+        return tables.of_columns(file, self.result.table(file) if file in self.result.tables else {})
+
+    def arrays(self) -> dict[str, Array]:
+        return self.result.arrays
+
+    def plot_data(self) -> PlotData:
+        return self.result.plot_data()
 
 
 @dataclass(frozen=True)
@@ -133,3 +181,39 @@ class Stored:
             errors = self.table(rundir.ERRORS).drop_duplicates("component")
             names, units = tuple(errors["component"]), tuple(errors["unit"])
             return Space(names, units, tuple(i for i, unit in enumerate(units) if unit == "rad"))
+
+    def plot_data(self) -> PlotData:
+        """As its tables and arrays have them. Raises UserError like :attr:`settings`."""
+        scenario, arrays = self.settings.scenario, self.arrays()
+
+        def draw(axes: "Axes", name: str, place: int) -> None:
+            scenario.draw(axes, history_of(arrays, name, len(self.filters), place))
+
+        return PlotData(
+            tables=self._drawn_tables(),
+            arrays=arrays,
+            filters=self.filters,
+            space=scenario.space,
+            title=self.title,
+            runs=self.settings.run_numbers,
+            repeated=_is_repeated(arrays),
+            draw=draw,
+        )
+
+    def _drawn_tables(self) -> dict[str, dict[str, Any]]:
+        """By file and filter: columns of what goes over time, rows of histograms."""
+        found: dict[str, dict[str, Any]] = {}
+        for file in (rundir.ERRORS, rundir.NEES, rundir.NIS, rundir.NOTES):
+            found[file] = {
+                str(name): {str(column): lines[column].to_numpy() for column in lines}
+                for name, lines in self.table(file).groupby("filter", sort=False)
+            }
+        histograms = self.table(rundir.HISTOGRAMS).groupby("filter", sort=False)
+        found[rundir.HISTOGRAMS] = {str(name): lines.to_dict("records") for name, lines in histograms}
+        return found
+
+
+def _is_repeated(arrays: Mapping[str, Array]) -> bool:
+    """Whether all runs are of one recording."""
+    truth, values = arrays["truth"], arrays["values"]
+    return all(np.array_equal(one, np.broadcast_to(one[..., :1], one.shape), equal_nan=True) for one in (truth, values))

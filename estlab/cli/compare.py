@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,9 +63,10 @@ def parser() -> Parser:
 def compare(arguments: Sequence[str]) -> int:
     """Compare what the words name; the exit code."""
     options = _read(arguments)
+    from estlab.api import comparing
     from estlab.rundir.search import run_directories
 
-    rows, left_out = _rows(run_directories(options.directories))
+    rows, left_out = comparing.comparable_rows(run_directories(options.directories))
     for line in left_out:
         complain(line)
     if not rows:
@@ -73,11 +74,11 @@ def compare(arguments: Sequence[str]) -> int:
     from estlab.comparison.differences import unlike
     from estlab.comparison.pairing import pairs
 
-    metrics = _metrics(rows, options.metric)
+    metrics = comparing.chosen_metrics(rows, options.metric)
     for line in unlike(rows, metrics):
         complain(f"warning: {line}")
     components = [component for name, component in metrics if name == "rmse"]
-    against = _against(rows, options.against)
+    against = comparing.number_of(rows, options.against)
     compared, unread = pairs(rows, rows[against - 1], components) if components and len(rows) > 1 else ({}, [])
     for line in unread:
         complain(line)
@@ -102,62 +103,6 @@ def _read(arguments: Sequence[str]) -> CompareOptions:
     return options
 
 
-def _rows(paths: Sequence[Path]) -> "tuple[list[ComparisonRow], list[str]]":
-    """The rows of all runs that are whole, and a line for each of the others."""
-    from estlab.comparison.rows import labelled, rows_of
-    from estlab.rundir import finished
-
-    rows, left_out = [], []
-    for path in paths:
-        try:
-            if why := finished.unfinished(finished.status(path)):
-                left_out.append(f"{path}: left out, {why}")
-            else:
-                rows += rows_of(finished.read(path))
-        except UserError as error:
-            left_out.append(str(error))
-    return labelled(rows), left_out
-
-
-def _metrics(rows: "Sequence[ComparisonRow]", names: Sequence[str]) -> "list[Metric]":
-    """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
-    from estlab.config.build import nearest
-    from estlab.metrics.vocabulary import usual
-    from estlab.report.compared import VERDICT
-
-    known = list(dict.fromkeys([*(metric for row in rows for metric in row.metrics), VERDICT]))
-    if not names:
-        errors = dict.fromkeys(metric for row in rows for metric in usual(row.metrics) if metric[0] == "rmse")
-        return [*errors, *(metric for metric in usual(known) if metric[0] != "rmse")]
-    chosen: list[Metric] = []
-    for name in names:
-        found = [metric for metric in known if name in (metric[0], ".".join(metric))]
-        if not found:
-            near = nearest(name, [".".join(metric) for metric in known])
-            raise UserError(f"--metric {name}: no run has it{near or '; their metrics.csv lists what there is'}")
-        chosen += found
-    return list(dict.fromkeys(chosen))
-
-
-def _against(rows: "Sequence[ComparisonRow]", wanted: str) -> int:
-    """The number of the row that is meant."""
-    if wanted.isdecimal() and 1 <= int(wanted) <= len(rows):
-        return int(wanted)
-    place = Path(wanted).resolve()
-    matching: Sequence[Callable[[ComparisonRow], bool]] = (
-        lambda row: row.label == wanted,
-        lambda row: row.filter == wanted,
-        lambda row: place in (row.run.path.resolve(), Path(row.run.path.name)),
-    )
-    for matches in matching:
-        found = [number for number, row in enumerate(rows, 1) if matches(row)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise UserError(f"--against {wanted}: rows {', '.join(map(str, found))} are; give one's number")
-    raise UserError(f"--against {wanted}: there is no such row; give a number from 1 to {len(rows)}")
-
-
 def _show(
     options: CompareOptions,
     rows: "Sequence[ComparisonRow]",
@@ -171,7 +116,7 @@ def _show(
     from estlab.report import compared as shown
     from estlab.report.console import print_line
 
-    write = partial(shown.write, rows, metrics, against, compared, components)
+    write = partial(shown.write, shown.lines(rows, metrics, against, compared, components))
     if options.csv == _STDOUT:
         sys.stdout.flush()
         write(sys.stdout.buffer)

@@ -10,6 +10,7 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import resource
 import sys
 import tempfile
 import time
@@ -21,6 +22,8 @@ from typing import Any
 from estlab.errors import printable
 
 log = logging.getLogger("estlab")
+
+_ADDRESSES = 500 * 2**20
 
 _BUILT: dict[tuple[str, str], "MachineCode"] = {}
 
@@ -47,6 +50,18 @@ def folder() -> Path:
     return Path(os.environ.get("ESTLAB_CACHE") or caches / "estlab") / "compiled"
 
 
+def loadable() -> bool:
+    """Whether there is a compiler, and room for one: its import crashes in less memory."""
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most != resource.RLIM_INFINITY and most < _ADDRESSES:
+        return False
+    try:
+        _machine()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
 def lanes() -> int:
     """The number of doubles in a register of this processor."""
     features = _machine_features()
@@ -65,7 +80,7 @@ def program(text: str) -> MachineCode:
             code = compiled(text)
             _keep(digest, code)
         _BUILT[key] = MachineCode(code)
-        log.info("the filter's steps were %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
+        log.info("machine code was %s in %.2f s (%s)", found, time.perf_counter() - began, digest[:16])
     return _BUILT[key]
 
 

@@ -14,6 +14,7 @@ _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _BITS = {"iadd": "add", "isub": "sub", "iand": "and", "ixor": "xor", "ishl": "shl", "iashr": "ashr"}
 _LOGIC = {"and": "and", "or": "or", "bxor": "xor"}
 _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
+ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 _INTRINSICS = {"sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
 
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estlab.compiled import emit
-from estlab.compiled.emit import Access
+from estlab.compiled.emit import ATTRIBUTES, Access
 from estlab.compiled.flow import loop, row, when
 from estlab.compiled.functions import Lowered
 from estlab.compiled.particle_routines import EIGHT
-from estlab.compiled.programs import ATTRIBUTES, MOST_OPERATIONS
+from estlab.compiled.programs import MOST_OPERATIONS
 from estlab.compiled.routines import Routine
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError

@@ -17,7 +17,6 @@ from estlab.compiled.symbols import Symbol, UntraceableError
 
 _IN_CACHE = 2048  # numbers in a group's beliefs, half of the nearest cache
 MOST_OPERATIONS = 25_000
-ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
 # The arguments of a program, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
@@ -169,7 +168,7 @@ def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
         "%end = select i1 %short, i64 %vectors, i64 %full",
         *body,
     ]
-    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", ATTRIBUTES, ""])
+    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", emit.ATTRIBUTES, ""])
 
 
 def _at(v: str, n: int, lanes: int) -> list[str]:

@@ -5,7 +5,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,20 @@ def install() -> None:
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
     hydras_own.Hydra = Hydra  # type: ignore[misc]
+
+
+@contextmanager
+def installed() -> Iterator[None]:
+    """The same for the body alone."""
+    sources = SourcesRegistry.instance().types
+    source, hydra = sources.get("file", hydras_files.FileConfigSource), hydras_own.Hydra
+    loader = hydras_own.ConfigLoaderImpl  # type: ignore[attr-defined]
+    install()
+    try:
+        yield
+    finally:
+        sources["file"], hydras_own.Hydra = source, hydra  # type: ignore[misc]
+        hydras_own.ConfigLoaderImpl = loader  # type: ignore[attr-defined]
 
 
 class Hydra(hydras_own.Hydra):

@@ -32,15 +32,19 @@ class _Known(ISeedSequence):
 
 def seeded(seed: int, key: Sequence[int], runs: Sequence[int]) -> list[np.random.Generator]:
     """For each run the generator that SeedSequence(seed, spawn_key=(*key, run)) seeds. key: words of 32 bits."""
+    return [np.random.Generator(np.random.PCG64(cast(Any, _Known(own)))) for own in seeds(seed, key, runs)]
+
+
+def seeds(seed: int, key: Sequence[int], runs: Sequence[int]) -> Array:
+    """For each run four words of 64 bits (runs, 4), which SeedSequence(seed, spawn_key=(*key, run)) generates."""
     if len(runs) < _MANY or min(runs) < 0 or max(runs) >= _WORD:
-        seeds = [np.random.SeedSequence(seed, spawn_key=(*key, run)) for run in runs]
-        return [np.random.Generator(np.random.PCG64(words)) for words in seeds]
+        each = (np.random.SeedSequence(seed, spawn_key=(*key, run)) for run in runs)
+        return np.array([own.generate_state(_POOL, np.uint64) for own in each], dtype=np.uint64).reshape(-1, _POOL)
     before = np.random.SeedSequence(seed, spawn_key=tuple(key))
     # The first words take a factor each and the pool's own mixing 12; each word after them takes 4.
     further = max(0, -(-seed.bit_length() // 32) - _POOL) + len(key)
     taken = _POOL + 12 + _POOL * further
-    words = _words(before.pool, _MIXED * pow(_MIXED_BY, taken, _WORD) % _WORD, np.array(runs, dtype=np.uint32))
-    return [np.random.Generator(np.random.PCG64(cast(Any, _Known(own)))) for own in words]
+    return _words(before.pool, _MIXED * pow(_MIXED_BY, taken, _WORD) % _WORD, np.array(runs, dtype=np.uint32))
 
 
 def _words(pool: Array, factor: int, last: Array) -> Array:

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from estlab.earlier_names import renamed
-from estlab.maths.seeding import seeded
+from estlab.maths.seeding import seeded, seeds
 from estlab.maths.space import Array
 
 
@@ -35,9 +35,15 @@ class Streams:
 
     def generators(self, purpose: str, runs: Sequence[int]) -> "Generators":
         """The generators of several runs, for numbers that are drawn step by step."""
+        return Generators(partial(seeded, self.seed, self._key(purpose), runs))
+
+    def seeds(self, purpose: str, runs: Sequence[int]) -> Array:
+        """What seeds the generators of several runs, (runs, 4) words of 64 bits."""
+        return seeds(self.seed, self._key(purpose), runs)
+
+    def _key(self, purpose: str) -> list[int]:
         digest = hashlib.sha256(f"{self.owner}/{purpose}".encode()).digest()
-        words = [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
-        return Generators(partial(seeded, self.seed, words, runs))
+        return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
 
     def uniforms(self, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
         """Numbers uniform on [0, 1) of shape (*shape, runs), each run from its own stream."""

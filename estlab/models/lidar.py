@@ -17,14 +17,19 @@ def cast(state: Array, step: float = STEP) -> tuple[Array, Array]:
     state: (6, B), B rectangles that do not contain the origin. Rays lie at integer multiples of ``step``. A rectangle
     thinner than a ray's step may be missed by all of them.
     """
-    first, last, _ = extent(state, np.empty((0, state.shape[1])))
-    start = np.ceil(first / step).astype(int)
-    count = np.maximum(np.floor(last / step).astype(int) - start + 1, 0)
+    _, _, _, start, count = rays(state, step)
     owner = np.repeat(np.arange(state.shape[1]), count)
     bearing = (np.arange(owner.size) + np.repeat(start - np.cumsum(count) + count, count)) * step
-    distance = _nearest_hit(_slabs(state)[:, owner], bearing)
+    distance = nearest_hit(slabs(state)[:, owner], bearing)
     hit = np.isfinite(distance)
     return np.stack([distance, wrap(bearing)])[:, hit], owner[hit]
+
+
+def rays(state: Array, step: float = STEP) -> tuple[Array, Array, Array, Array, Array]:
+    """The extent of rectangles (6, B), the number of the first ray between its bearings, and how many there are."""
+    first, last, nearest = extent(state, np.empty((0, state.shape[1])))
+    start = np.ceil(first / step).astype(int)
+    return first, last, nearest, start, np.maximum(np.floor(last / step).astype(int) - start + 1, 0)
 
 
 def measure_frames(points: Array, owner: Array, frames: int) -> Array:
@@ -46,7 +51,7 @@ def measure_frames(points: Array, owner: Array, frames: int) -> Array:
     return measured
 
 
-def _slabs(state: Array) -> Array:
+def slabs(state: Array) -> Array:
     """Heading, and from the origin to rear, front, right and left edge in the car's frame; (5, B)."""
     x, y, _, heading, length, width = state
     cos, sin = np.cos(heading), np.sin(heading)
@@ -54,7 +59,7 @@ def _slabs(state: Array) -> Array:
     return np.stack([heading, 0.0 - along, length - along, -0.5 * width - across, 0.5 * width - across])
 
 
-def _nearest_hit(slabs: Array, bearing: Array) -> Array:
+def nearest_hit(slabs: Array, bearing: Array) -> Array:
     """Distance along each ray to the first edge by the slab method; NaN if the ray misses. Kay and Kajiya 1986."""
     heading, rear, front, right, left = slabs
     ray_along, ray_across = np.cos(bearing - heading), np.sin(bearing - heading)

@@ -5,12 +5,14 @@ import math
 import os
 import resource
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from estlab.errors import UserError
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # malloc.h
+_MOST_MAPPED = 32 * 2**20  # the most that glibc takes
 # MB of address space as measured: 299 for a run, 419 for a sweep, whose pictures need pandas, and 463; plus a margin
 _COMPILED = "engine=compiled"
 _ADDRESSES = {"estlab": 320, "estlab sweep": 440, _COMPILED: 500}
@@ -68,12 +70,30 @@ def keep_memory() -> None:
 
     Configures glibc's allocator, if it is used; fresh pages cost a tenth of a block's time.
     """
+    _tell_allocator(2**30)
+
+
+@contextlib.contextmanager
+def memory_given_back() -> Iterator[None]:
+    """After the body, which may keep memory, what is free goes back to the system, and from then on as usual."""
+    try:
+        yield
+    finally:
+        import ctypes
+
+        _tell_allocator(2 * _MOST_MAPPED)
+        with contextlib.suppress(AttributeError, OSError):
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+def _tell_allocator(kept: int) -> None:
+    """How many free bytes it keeps, among arrays of all sizes, as glibc ends up doing of its own accord."""
     import ctypes
 
     with contextlib.suppress(AttributeError, OSError):
         tell = ctypes.CDLL(None).mallopt
-        tell(_MMAP_THRESHOLD, 32 * 2**20)  # the largest value that it accepts
-        tell(_TRIM_THRESHOLD, 2**30)
+        tell(_MMAP_THRESHOLD, _MOST_MAPPED)
+        tell(_TRIM_THRESHOLD, kept)
 
 
 def _quota() -> int | None:

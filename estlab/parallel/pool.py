@@ -14,6 +14,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, Self, TypeVar
 
 from estlab.errors import WorkerLostError
@@ -51,7 +52,7 @@ class Workers(Generic[R]):
         self._heard = 0.0
         self._most = cores.processes(wanted, len(tasks))
         self.cores = 1  # processes at work, this one included
-        self._forks = _can_fork()
+        self._forks = can_fork()
         self._at_once = self._forks or wanted is not None
 
     def __enter__(self) -> Self:
@@ -104,7 +105,7 @@ class Workers(Generic[R]):
             for _ in range(self._most - 1):
                 ours, theirs = context.Pipe()
                 process = context.Process(target=worker.serve, args=(self._work, theirs), daemon=True)
-                with _signals_held():
+                with _signals_held(), _script_left_out():
                     process.start()
                     self._processes[ours] = process
                 theirs.close()
@@ -175,9 +176,23 @@ class Workers(Generic[R]):
         self._processes.clear()
 
 
-def _can_fork() -> bool:
+def can_fork() -> bool:
     """Whether this process has only one thread, so that no lock is held that nobody in the child would release."""
     return sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
+
+
+@contextmanager
+def _script_left_out() -> Iterator[None]:
+    """A worker that imports everything does not import the script that runs: none of its tasks is in there.
+
+    A script that calls estlab.run, and does not ask whether it is the main module, would run it in each worker again.
+    """
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

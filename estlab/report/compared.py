@@ -70,16 +70,15 @@ def not_paired(rows: Sequence[ComparisonRow], against: int, pairs: Mapping[str, 
     ]
 
 
-def write(
+def lines(
     rows: Sequence[ComparisonRow],
     metrics: Sequence[Metric],
     against: int,
     pairs: Mapping[str, Pair],
     components: Sequence[str],
-    stream: BinaryIO,
-) -> None:
-    """Write the comparison as CSV, a line a row, numbers in full."""
-    lines = []
+) -> list[dict[str, Any]]:
+    """The comparison as a table: a line a row, by column."""
+    found = []
     for number, row in enumerate(rows, 1):
         line: dict[str, Any] = {"row": number, "label": row.label, "directory": str(row.run.path)}
         line |= {"scenario": row.run.scenario, "filter": row.filter, "seed": row.settings.get("seed")}
@@ -88,18 +87,23 @@ def write(
         pair = pairs.get(row.label)
         line |= {"against": against if pair else None, "not_paired": pair.why_not if pair else ""}
         for component in components:
-            found = pair.differences.get(component) if pair else None
+            one = pair.differences.get(component) if pair else None
             name = f"difference.{component}"
             line |= {
-                name: found.found.value if found else None,
-                f"{name}.low": found.found.low if found else None,
-                f"{name}.high": found.found.high if found else None,
-                f"{name}.p_holm": found.p_holm if found else None,
-                f"{name}.wins": found.wins if found else None,
-                f"{name}.n": found.found.n if found else None,
+                name: one.found.value if one else None,
+                f"{name}.low": one.found.low if one else None,
+                f"{name}.high": one.found.high if one else None,
+                f"{name}.p_holm": one.p_holm if one else None,
+                f"{name}.wins": one.wins if one else None,
+                f"{name}.n": one.found.n if one else None,
             }
-        lines.append(line)
-    csv_tables.write([{_harmless(name): _harmless(cell) for name, cell in line.items()} for line in lines], stream)
+        found.append(line)
+    return found
+
+
+def write(table: Sequence[Mapping[str, Any]], stream: BinaryIO) -> None:
+    """Write the lines of a comparison as CSV, numbers in full."""
+    csv_tables.write([{_harmless(name): _harmless(cell) for name, cell in line.items()} for line in table], stream)
 
 
 def _numbers(row: ComparisonRow, metric: Metric) -> dict[str, Any]:

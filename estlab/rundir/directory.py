@@ -73,12 +73,13 @@ class RunDirectory:
     @contextmanager
     def logged(self) -> Iterator[None]:
         """Send what estlab logs and what is warned of to log.txt, and the traceback of whatever is raised."""
+        logger = logging.getLogger("estlab")
+        level, propagate, raise_exceptions = logger.level, logger.propagate, logging.raiseExceptions
         logging.raiseExceptions = False  # a full disk is reported once, by the file that matters
         with files.in_place(self._root, str(self._name / LOG)) as stream:
             stream.seek(0, os.SEEK_END)
             handler = logging.StreamHandler(io.TextIOWrapper(stream, encoding="utf-8", write_through=True))
             handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-            logger = logging.getLogger("estlab")
             logger.setLevel(logging.INFO)
             logger.propagate = False
             logger.addHandler(handler)
@@ -94,6 +95,8 @@ class RunDirectory:
             finally:
                 logger.removeHandler(handler)
                 handler.close()
+                logger.setLevel(level)
+                logger.propagate, logging.raiseExceptions = propagate, raise_exceptions
 
     def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
         """Write a file of the directory; folders in its name are made.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.datasets import matlab, problem3
 from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.errors import UserError
@@ -15,6 +16,7 @@ from estlab.maths.space import Array, Space, wrap
 from estlab.maths.streams import Streams
 from estlab.models import lidar, vehicle
 from estlab.models.contract import Motion, Sensor
+from estlab.models.lidar_runs import measure_runs, noisy_frames
 from estlab.record import Readings, Record
 from estlab.scenarios import simulation
 from estlab.scenarios.scenario import (
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPEED, HEADING, LENGTH = 2, 3, 4  # length and width are the last two
-_SCANNED_AT_ONCE = 8  # runs, some 25,000 rays, whose arrays stay in the cache
 
 # The initial state of a simulated car, and the half width of the uniform distribution about it.
 _BEGIN = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85])
@@ -195,7 +196,7 @@ class Car(Scenario):
         """The state at -dt (6, runs) and at each time (6, T, runs)."""
         start = streams.uniforms("start", runs, (6,)) * 2.0 - 1.0
         begin = _BEGIN[:, None] + _BEGIN_WITHIN[:, None] * start
-        rates = streams.normals("truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
+        rates = normals(streams, "truth", runs, (time.size, 6)) * scale / np.sqrt(self.dt)
         if self.truth == "model":
             rates = rates * np.asarray(self.process_sd)[:, None]
         else:
@@ -213,27 +214,10 @@ class Car(Scenario):
         self, streams: Streams, runs: Sequence[int], truth: Array, scale: float
     ) -> tuple[Array, dict[str, Array]]:
         """The measurements (3, T, runs) from noisy frames, and the frames of the first run."""
-        values, raw = np.empty((3, *truth.shape[1:])), {}
-        for begin in range(0, len(runs), _SCANNED_AT_ONCE):
-            some = slice(begin, begin + _SCANNED_AT_ONCE)
-            points, owner = self._frames(streams, runs[some], truth[:, :, some], scale)
-            measured = lidar.measure_frames(points, owner, values[0, :, some].size)
-            values[:, :, some] = measured.reshape(3, -1, truth.shape[1]).swapaxes(1, 2)
-            if begin == 0:
-                first = owner < truth.shape[1]
-                raw = {"points": points[:, first], "owner": owner[first]}
-        return values, raw
-
-    def _frames(self, streams: Streams, runs: Sequence[int], truth: Array, scale: float) -> tuple[Array, Array]:
-        """Noisy points (2, N) of the frames of all steps, run by run; and the frame number of each."""
-        points, owner = lidar.cast(np.swapaxes(truth, 1, 2).reshape(6, -1))
-        edges = np.searchsorted(owner, truth.shape[1] * np.arange(len(runs) + 1))
-        blur = [
-            streams.generator("readings", run).standard_normal((2, b - a))
-            for run, a, b in zip(runs, edges, edges[1:], strict=False)
-        ]
-        sds = scale * np.array([self.lidar_range_sd, self.lidar_bearing_sd])
-        return points + sds[:, None] * np.concatenate(blur, axis=1), owner
+        sds = (scale * self.lidar_range_sd, scale * self.lidar_bearing_sd)
+        values = measure_runs(truth, streams, runs, sds)
+        points, owner = noisy_frames(truth[:, :, :1], streams, runs[:1], sds)
+        return values, {"points": points, "owner": owner}
 
     def _prior(self, streams: Streams, runs: Sequence[int], begin: Array) -> Gaussian:
         cov = diagonal_cov(self.initial_sd)
@@ -241,7 +225,7 @@ class Car(Scenario):
             return Gaussian(np.repeat(np.array(self.initial_mean, dtype=float)[:, None], len(runs), axis=1), cov)
         # A car has no negative size: of several draws of the initial error, each run uses the first that keeps length
         # and width at or above the smallest.
-        errors = streams.normals("prior", runs, (6, 40))
+        errors = normals(streams, "prior", runs, (6, 40))
         candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), errors)
         valid = (candidates[LENGTH:] >= self.smallest).all(axis=0)
         mean = np.take_along_axis(candidates, valid.argmax(axis=0)[None, None], axis=1)[:, 0]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.datasets import epuck_recording as files
 from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.errors import UserError
@@ -105,7 +106,7 @@ class Epuck(Scenario):
         else:
             walk = self._drive(streams, runs, begin, steps, noise.process_scale)
         truth = np.concatenate([begin[:, None], walk], axis=1)
-        blur = noise.measurement_scale * streams.normals("readings", runs, (3, steps + 1))
+        blur = noise.measurement_scale * normals(streams, "readings", runs, (3, steps + 1))
         fixes = truth[:SPEED] + self.led_sd * blur[:2]
         alpha = wrap(truth[HEADING] + self.alpha_sd * blur[2])
         record = self._record(truth, fixes, alpha[:, 0])
@@ -191,7 +192,7 @@ class Epuck(Scenario):
         Every frame of the film is a step, so the robot's path bends between fixes, which the filter's model does not.
         """
         frame = self.dt / _SUBSTEPS
-        wobble = streams.normals("truth", runs, (steps * _SUBSTEPS, 2)) * scale * np.sqrt(frame)
+        wobble = normals(streams, "truth", runs, (steps * _SUBSTEPS, 2)) * scale * np.sqrt(frame)
         wobble = wobble * np.asarray(self.wobble_sd)[:, None]
         truth, state, goal = np.empty((4, steps, len(runs))), begin, np.zeros(len(runs), dtype=int)
         for k in range(steps * _SUBSTEPS):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.datasets import mrclam
 from estlab.datasets.data_files import DEFAULTS, Options
 from estlab.maths.gaussian_belief import Gaussian, draw
@@ -218,7 +219,7 @@ class Landmark(Scenario):
         self, streams: Streams, runs: Sequence[int], begin: Array, steps: int, motion: Motion
     ) -> tuple[Array, Array]:
         """A robot steered from corner to corner of the tour: truth (3, T, runs), commands (2, T, runs)."""
-        blur = streams.normals("truth", runs, (steps, 2))
+        blur = normals(streams, "truth", runs, (steps, 2))
         truth, control = np.empty((3, steps, len(runs))), np.empty((2, steps, len(runs)))
         pose, goal = begin, np.ones(len(runs), dtype=int)
         for k in range(steps):
@@ -242,7 +243,7 @@ class Landmark(Scenario):
         at = np.broadcast_to(truth[:, when][:, None], (3, *shape))
         exact = sensor.read(at, _LANDMARKS[:, :, None, None])
         sds = np.sqrt(np.diag(sensor.noise_cov))[:, None, None, None]
-        noisy = sensor.space.plus(exact, sds * streams.normals("readings", runs, (2, marks, when.size)))
+        noisy = sensor.space.plus(exact, sds * normals(streams, "readings", runs, (2, marks, when.size)))
         bearing = sensor.space.minus(exact, np.zeros(1))[1]
         kept = streams.uniforms("dropped", runs, (marks, when.size)) >= self.dropped
         in_sight = (exact[0] < self.max_range) & (np.abs(bearing) <= 0.5 * self.field_of_view) & kept
@@ -262,4 +263,4 @@ class Landmark(Scenario):
         cov = diagonal_cov(self.initial_sd if sds is None else np.maximum(self.initial_sd, sds).tolist())
         if self.initial == "truth" or sds is not None:
             return Gaussian(begin, cov)
-        return Gaussian(draw(unicycle.SPACE, Gaussian(begin, cov), streams.normals("prior", runs, (3,))), cov)
+        return Gaussian(draw(unicycle.SPACE, Gaussian(begin, cov), normals(streams, "prior", runs, (3,))), cov)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.errors import UserError
 from estlab.maths.gaussian_belief import Gaussian, draw
 from estlab.maths.linalg import cholesky, matvec
@@ -30,7 +31,7 @@ def drawn(
     numbers("simulate", "prior.mean is", prior.mean, (n,))
     covariance("simulate", "prior.cov is", prior.cov, (n, n))
     mean = prior.mean[:, None].repeat(len(runs), axis=1)
-    begin = draw(motion.space, Gaussian(mean, prior.cov), streams.normals("prior", runs, prior.mean.shape))
+    begin = draw(motion.space, Gaussian(mean, prior.cov), normals(streams, "prior", runs, prior.mean.shape))
     truth = walk(streams, runs, motion, begin, time, control)
     values = read(streams, runs, sensor, truth, np.empty((0, 1)))
     landmark_number = np.zeros(values.shape[1:], dtype=int)
@@ -56,7 +57,7 @@ def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, ti
         k = int(np.argmin(lapse >= 0.0))
         refuse("simulate", f"time[{k}] is {time[k]:g}, after {time[k - 1] if k else 0.0:g}; time must ascend from 0")
     try_motion("motion", motion, Gaussian(begin, np.zeros((n, n))), control, lapse)
-    blur = streams.normals("truth", runs, (time.size, motion.noise_size))
+    blur = normals(streams, "truth", runs, (time.size, motion.noise_size))
     truth = np.empty((motion.space.size, time.size, len(runs)))
     state = begin
     for k in range(time.size):
@@ -78,7 +79,7 @@ def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, l
         first = landmark.reshape(len(landmark), -1)[:, :1] if landmark.size else np.empty((len(landmark), 1))
         about = np.repeat(first, len(runs), axis=1)
         try_sensor("sensor", sensor, Gaussian(states[:, 0], np.zeros((n, n))), about)
-    blur = streams.normals("readings", runs, (sensor.space.size, states.shape[1]))
+    blur = normals(streams, "readings", runs, (sensor.space.size, states.shape[1]))
     noise = np.einsum("ij,jnr->inr", cholesky(sensor.noise_cov), blur)
     return sensor.space.plus(sensor.read(states, landmark), noise)
 
@@ -88,7 +89,7 @@ def one_prediction(streams: Streams, runs: Sequence[int], motion: Motion, prior:
 
     prior: mean (n, 1) and cov (n, n).
     """
-    z = streams.normals("truth", runs, prior.mean.shape[:1])
+    z = normals(streams, "truth", runs, prior.mean.shape[:1])
     start = prior.mean + matvec(cholesky(prior.cov), z)
     control, count = np.empty((0, 1, 1)), len(runs)
     truth = motion.step(start, control[:, 0], np.zeros(motion.noise_size), 1.0)[:, None]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from estlab.compiled.normals import normals
 from estlab.datasets import matlab, problem4
 from estlab.datasets.data_files import DEFAULTS, Files, Options
 from estlab.maths.space import TURN, Array, Space, wrap
@@ -110,7 +111,7 @@ class Sonar(Scenario):
         time = self.dt * np.arange(1, round(self.duration / self.dt) + 1)
         truth, moved = self._wander(streams, runs, time.size)
         sds = noise.process_scale * np.asarray(self.process_sd)
-        encoder = moved + sds[:, None, None] * streams.normals("encoder", runs, moved.shape[:2])
+        encoder = moved + sds[:, None, None] * normals(streams, "encoder", runs, moved.shape[:2])
         beacons = np.array(self.beacons, dtype=float).T
         values = simulation.read(streams, runs, self.sensor(noise, beacons), truth, np.empty((0, 1)))
         return self._record(time, truth, encoder, values, beacons, np.array(self.bounds, dtype=float))

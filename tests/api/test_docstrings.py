@@ -27,7 +27,7 @@ def test_the_examples_print_what_they_show(name, small, monkeypatch, tmp_path):
     assert found.failed == 0
 
 
-OF_MODELS = {"Filter", "Gaussian", "Motion", "Sensor", "Space", "Uniform", "UserError", "EstlabError"}
+OF_MODELS = {"Filter", "Gaussian", "Motion", "Sensor", "Space", "Streams", "Uniform", "UserError", "EstlabError"}
 
 
 @pytest.mark.parametrize("name", sorted({*estlab.__all__} - {*OF_MODELS, "errors", "__version__"}))

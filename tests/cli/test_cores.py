@@ -69,7 +69,7 @@ def test_a_run_on_several_cores_has_the_bytes_of_one(cores, alone):
 
 
 def test_workers_that_import_everything_give_the_same_bytes(alone, monkeypatch, capsys):
-    monkeypatch.setattr(pool, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "can_fork", lambda: False)
     assert main(["run", *WORDS, "cores=2", "hydra.run.dir=many"]) == 0
     assert capsys.readouterr().err == ""
     assert cores_of("many") == 2
@@ -83,7 +83,7 @@ def test_a_users_own_scenario_runs_in_workers_that_import_everything(monkeypatch
     text = (ROOT / "conf/scenario/field.yaml").read_text().replace("estlab.scenarios.field.Field", "own_field.Mine")
     assert "own_field.Mine" in text
     Path("conf/scenario/mine.yaml").write_text(text)
-    monkeypatch.setattr(pool, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "can_fork", lambda: False)
     monkeypatch.syspath_prepend(".")
     words = ["scenario=mine", "plugins=[own_field]", "filter=ekf", "runs=4", "block_runs=2", "keep_runs=1", "steps=5"]
     words += ["plots=false", "cores=2", "hydra.run.dir=own"]
@@ -178,3 +178,25 @@ def test_linear_algebra_has_one_thread_unless_the_user_says():
         command = [sys.executable, "-c", code, f"run{expected}"]
         out = subprocess.run(command, env=clean | typed, capture_output=True, text=True, check=True).stdout
         assert out.splitlines()[-1] == expected
+
+
+def test_pictures_drawn_by_two_are_those_of_one_and_one_that_fails_is_told_alike(monkeypatch):
+    Path("own_pictures.py").write_text(
+        "from estlab.scenarios.field import Field\n\n\n"
+        "class Mine(Field):\n    def pictures(self, histories):\n        raise ValueError('no picture today')\n"
+    )
+    monkeypatch.syspath_prepend(Path.cwd())
+    words = ["scenario=field", "scenario._target_=own_pictures.Mine", "plugins=[own_pictures]", "filter=ekf", "runs=4"]
+    words += ["steps=10", "report=false"]
+    assert main(["run", *words, "cores=1", "hydra.run.dir=one"]) == 0
+    process = started(*words, "cores=2", folder="two")
+    process.communicate()
+    assert process.returncode == 0
+    pictures = {path.name: path.read_bytes() for path in Path("one/plots").iterdir()}
+    assert {"errors.png", "nees.png", "nis.png", "trajectory.png"} <= set(pictures)
+    assert {path.name: path.read_bytes() for path in Path("two/plots").iterdir()} == pictures
+    for folder in ("one", "two"):
+        missing = json.loads(Path(folder, "run.json").read_text())["missing"]
+        assert missing == {"the problem's own pictures": missing["the problem's own pictures"]}
+        assert "no picture today" in missing["the problem's own pictures"]
+        assert "in pictures\n" in Path(folder, "log.txt").read_text()

@@ -8,7 +8,7 @@ import pytest
 
 from estlab import rundir
 from estlab.errors import IncompleteError
-from estlab.experiment import compute, statistics, write
+from estlab.experiment import compute, drawing, statistics, write
 from estlab.experiment.attempts import Attempts
 from estlab.experiment.monte_carlo import Names
 from estlab.experiment.result import Result
@@ -144,7 +144,7 @@ def test_one_filters_table_may_be_missing_and_the_others_is_there(car, monkeypat
 
 
 def test_pictures_that_throw_are_missing_alone(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(write, "png", lambda figure: b"png")
+    monkeypatch.setattr(drawing, "png", lambda figure: b"png")
     assert sonar.written(tmp_path / "whole", plots=True).missing == {}
     every = {file for file in files(tmp_path / "whole") if file.endswith(".png")}
     assert every >= {f"plots/{name}.png" for name in ("errors", "nees", "nis", "ess", "distribution", "trajectory")}
@@ -161,7 +161,7 @@ def test_pictures_that_throw_are_missing_alone(sonar, monkeypatch, tmp_path):
 
 
 def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(write, "png", lambda figure: b"png")
+    monkeypatch.setattr(drawing, "png", lambda figure: b"png")
     monkeypatch.setattr(Sonar, "pictures", broken)
     monkeypatch.setattr(Sonar, "draw", broken)
     attempts = sonar.written(tmp_path, plots=True)
@@ -170,7 +170,7 @@ def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, mon
 
 
 def test_a_picture_that_cannot_be_rendered_is_missing_alone(sonar, monkeypatch, tmp_path):
-    monkeypatch.setattr(write, "png", lambda figure: broken() if len(figure.axes) == 2 else b"png")
+    monkeypatch.setattr(drawing, "png", lambda figure: broken() if len(figure.axes) == 2 else b"png")
     assert set(sonar.written(tmp_path, plots=True).missing) == {"plots/distribution.png"}
 
 

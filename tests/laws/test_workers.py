@@ -18,7 +18,7 @@ from tests.tasks import STEPS, work
 @pytest.fixture(autouse=True)
 def _by_import(monkeypatch):
     """Workers that import everything, as where a process cannot be forked; tests/cli has those that are forked."""
-    monkeypatch.setattr(pool, "_can_fork", lambda: False)
+    monkeypatch.setattr(pool, "can_fork", lambda: False)
 
 
 def together(what, tasks, wanted=2):

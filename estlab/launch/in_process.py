@@ -1,0 +1,114 @@
+"""A configuration composed without a command line, in a process that may use Hydra for something else."""
+
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from estlab.config.locations import conf_folder
+from estlab.errors import PluginError, UserError, is_lack_of_memory
+from estlab.launch.arguments import CONFIG_DIR, is_sweep, parted, prepared
+from estlab.launch.error_messages import one_line
+
+if TYPE_CHECKING:
+    from estlab.experiment.monte_carlo import Names
+
+# Hydra, the log and the filters of warnings are the process's own, so its threads take turns.
+ONE_AT_A_TIME = threading.RLock()
+
+
+class Composition(NamedTuple):
+    """What words compose: the configuration as data and as text, the names in it, the words, the run directory."""
+
+    plain: dict[str, Any]
+    names: "Names"
+    text: str
+    overrides: str
+    folder: Path
+
+
+def compose(arguments: Sequence[str]) -> Composition:
+    """What ``estlab run`` would run for these arguments; nothing of Hydra's stays in the process.
+
+    Raises UserError, as the command line says it, for what cannot be composed.
+    """
+    with hydra_apart():
+        taken = prepared(list(arguments))
+        try:
+            return _composed(taken)
+        except PluginError:
+            raise
+        except Exception as error:
+            if is_lack_of_memory(error):
+                raise
+            raise UserError(one_line(error, taken)) from None
+
+
+@contextmanager
+def hydra_apart() -> Iterator[None]:
+    """Hydra for the body alone: what this process has of it is put aside, and comes back as it was."""
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.core.singleton import Singleton
+    from hydra.core.utils import JobRuntime
+    from hydra.version import VersionBase
+    from omegaconf.basecontainer import BaseContainer
+
+    from estlab.launch import composition
+
+    kinds: tuple[Any, ...] = (GlobalHydra, HydraConfig, JobRuntime, VersionBase)
+    with ONE_AT_A_TIME:
+        theirs = {kind: Singleton._instances.pop(kind) for kind in kinds if kind in Singleton._instances}
+        resolvers, path = dict(BaseContainer._resolvers), list(sys.path)
+        try:
+            with composition.installed():
+                yield
+        finally:
+            for kind in kinds:
+                Singleton._instances.pop(kind, None)
+            Singleton._instances.update(theirs)
+            BaseContainer._resolvers.clear()
+            BaseContainer._resolvers.update(resolvers)
+            sys.path[:] = path
+
+
+def _composed(taken: Sequence[str]) -> Composition:
+    import hydra._internal.hydra as hydras_own
+    from hydra import version
+    from hydra._internal.utils import create_config_search_path
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+    from omegaconf import OmegaConf, open_dict, read_write
+
+    from estlab.launch.composed import described
+
+    flags, words = parted(taken)
+    version.setbase("1.3")
+    search_path = create_config_search_path(str(conf_folder()))
+    for folder in _config_folders(flags, words):
+        search_path.append("command-line", f"file://{folder}")
+    hydra = hydras_own.Hydra.create_main_hydra2("estlab", search_path)
+    config = hydra.compose_config("config", list(words), RunMode.RUN)
+    HydraConfig.instance().set_config(config)
+    folder, overrides = Path(str(config.hydra.run.dir)), OmegaConf.to_yaml(config.hydra.overrides.task)
+    with read_write(config), open_dict(config):
+        del config["hydra"]
+    plain, names = described(config)
+    return Composition(plain, names, OmegaConf.to_yaml(config, resolve=True), overrides, folder)
+
+
+def _config_folders(flags: Sequence[str], words: Sequence[str]) -> list[Path]:
+    """The folders of --config-dir. Raises UserError for any other flag, and for a sweep."""
+    if is_sweep(flags, words):
+        raise UserError("a run is one job; take estlab.sweep for several")
+    folders = []
+    for flag in flags:
+        name, _, value = flag.partition("=")
+        if name != CONFIG_DIR[0]:
+            raise UserError(f"{flag} is of the command line; in Python write keys, and config_dir=FOLDER")
+        if not Path(value).is_dir():
+            raise UserError(f"{CONFIG_DIR[0]}: there is no folder {value}")
+        folders.append(Path(value).absolute())
+    return folders
