@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from estlab.config.build import Settings, build
 from estlab.config.locations import conf_folder
 from estlab.filters.loop import Loop
+from estlab.launch import resolvers
 from estlab.maths.streams import Streams
 from estlab.metrics.consistency import consistency_tests
 from estlab.metrics.scores import Limits
@@ -24,6 +25,7 @@ from estlab.record import Estimates
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared" / "data"
 
+resolvers.register()
 hypothesis.settings.register_profile("estlab", derandomize=True, deadline=None, max_examples=60)
 hypothesis.settings.load_profile("estlab")
 

@@ -14,6 +14,7 @@ from estlab.config.build import Settings, build
 from estlab.config.locations import conf_folder
 from estlab.experiment.monte_carlo import Names, loop_of, record_of
 from estlab.filters.loop import Loop
+from estlab.launch import resolvers
 from estlab.maths.streams import Streams
 from estlab.record import Estimates, Readings, Record
 
@@ -23,6 +24,7 @@ NAMES = Names("benchmark", "benchmark")
 
 def settings_of(*words: str) -> Settings:
     """The settings that these words of a command line compose."""
+    resolvers.register()
     with initialize_config_dir(str(conf_folder()), version_base="1.3"):
         return build(OmegaConf.to_container(compose("config", overrides=list(words)), resolve=True))
 

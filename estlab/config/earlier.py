@@ -5,6 +5,7 @@ from typing import Any
 
 import yaml
 
+from estlab.config import angles
 from estlab.config.locations import conf_folder
 
 _OF_HYDRA = ("defaults", "hydra")
@@ -49,4 +50,5 @@ def _shipped(name: str) -> dict[str, Any]:
     file = conf_folder() / f"{name}.yaml"
     if not file.is_file():
         return {}
-    return {k: v for k, v in yaml.safe_load(file.read_text(encoding="utf-8")).items() if k not in _OF_HYDRA}
+    content = angles.resolved(yaml.safe_load(file.read_text(encoding="utf-8")))
+    return {k: v for k, v in content.items() if k not in _OF_HYDRA}

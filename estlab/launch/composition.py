@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from estlab.config.locations import conf_folder
 from estlab.config.targets import located
 from estlab.errors import UserError
-from estlab.launch import yaml_bounds
+from estlab.launch import resolvers, yaml_bounds
 from estlab.launch.path_arguments import PATHS, home
 
 # What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
@@ -32,6 +32,8 @@ _HYDRAS_CALLBACK = re.compile(r"hydra\.experimental\.callbacks\.\w+Callback")
 _LOGGERS = re.compile(r"logging\.((Stream|File|Null)Handler|Formatter|handlers\.(Timed)?RotatingFileHandler)")
 _COLOURS = "colorlog.ColoredFormatter"
 _STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
+
+resolvers.register()  # at import: a worker of a sweep unpickles the loader below, and calls nothing else of estlab
 
 
 def install() -> None:

@@ -39,7 +39,9 @@ def one_line(error: Exception, arguments: Sequence[str]) -> str:
             return said
     if re.search(r"Lexer|Error parsing override|OverrideParse", f"{type(error).__name__} {text}"):
         return f"{_unparsed(arguments)}: write key=value, with quotes around values that have other signs in them"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    # What a resolver such as ${deg:...} complains of says all by itself.
+    text = re.sub(r"^\w+ raised while resolving interpolation: ", "", str(error))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     key = next((f"{line.removeprefix('full_key: ')}: " for line in lines if line.startswith("full_key: ")), "")
     said = key + "; ".join(line for line in lines if not re.match("full_key: |(object|reference)_type=", line))
     if isinstance(error, OSError) and error.strerror:

@@ -2,6 +2,8 @@
 
 import re
 
+from estlab.config.angles import is_angle
+
 # A backslash counts before a quote alone; the quote that ends the text has an even number of them before it.
 QUOTED = re.compile(r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*\"""", re.DOTALL)
 
@@ -26,6 +28,12 @@ def unquoted(value: str) -> str:
 
 def _unescaped(found: "re.Match[str]") -> str:
     return "\\" * (len(found[1]) // 2) + found[3]
+
+
+def angle_as_typed(value: str) -> str:
+    """One of several values as Hydra writes it: an angle ${deg:40} without its backslashes, any other as it is."""
+    plain = re.sub(r"\\(.)", r"\1", value)
+    return plain if is_angle(plain) else value
 
 
 def elements(value: str) -> list[str]:

@@ -14,6 +14,9 @@ def shipped_filter(name: str) -> dict[str, Any]:
     """
     from omegaconf import OmegaConf
 
+    from estlab.launch import resolvers
+
+    resolvers.register()
     known = options("filter")
     if name not in known:
         raise UserError(f"there is no filter {name}{nearest(name, list(known))} (one of {', '.join(known)})")

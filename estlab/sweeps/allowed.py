@@ -10,6 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estlab.config.angles import is_angle
 from estlab.config.build import Settings
 from estlab.config.locations import options
 
@@ -93,9 +94,9 @@ def _is_setting(name: str, value: Any) -> bool:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value is a number, a text without ${...}, or lists and groups of such."""
+    """Whether a value is a number, an angle ${deg:40}, a text without ${...}, or lists and groups of such."""
     if isinstance(value, str):
-        return "${" not in value
+        return "${" not in value or is_angle(value)
     if isinstance(value, list):
         return all(map(_is_plain, value))
     if isinstance(value, Mapping):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from estlab.errors import UserError
+from estlab.launch.quoting import angle_as_typed
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -72,7 +73,7 @@ def dimension(override: "Override") -> Dimension:
         if low is None or high is None or not (low < high and (low > 0 or not log)):
             raise UserError(f"{word}: an interval goes from low to high" + ", both above zero, for log" * log)
         return Numbers(key, float(low), float(high), None, isinstance(low, int) and isinstance(high, int), log)
-    words = [str(value) for value in override.sweep_string_iterator()]
+    words = [angle_as_typed(str(value)) for value in override.sweep_string_iterator()]
     if not words:
         raise UserError(f"{word}: gives no value")
     if isinstance(sweep, RangeSweep):

@@ -6,12 +6,13 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from estlab import rundir
+from estlab.config import angles
 from estlab.config.build import build
 from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
 from estlab.launch.composed import described
-from estlab.launch.quoting import unquoted
+from estlab.launch.quoting import angle_as_typed, unquoted
 from estlab.sweeps import split, state
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
@@ -93,7 +94,7 @@ def _values(override: "Override") -> list[str]:
     if getattr(override.value(), "shuffle", False):
         raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
     try:
-        values = list(islice(override.sweep_string_iterator(), MOST + 1))
+        values = [angle_as_typed(value) for value in islice(override.sweep_string_iterator(), MOST + 1)]
     except ValueError as error:
         raise UserError(f"{word}: {error}") from error
     if not values:
@@ -127,7 +128,7 @@ def composed(
     finally:
         HydraConfig.instance().cfg = before
     _check_folder(name)
-    shown = {key: unquoted(value) for key, value in values.items()}
+    shown = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, limits.split_runs)
     return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
