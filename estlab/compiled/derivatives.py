@@ -154,9 +154,7 @@ def _of(symbol: Symbol, name: str) -> Symbol:
 
 
 def _off_zero(length: Symbol, derivative: Symbol) -> Symbol:
-    """A derivative; 0 where a root is 0, such as a distance at its minimum: no value is correct there, and 0 lies
-    between all.
-    """
+    """A derivative; 0 where a root is 0, such as a minimal distance: no value is correct, and 0 lies between all."""
     return _either(length.graph, length == 0.0, 0.0, derivative)
 
 

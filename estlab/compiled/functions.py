@@ -228,9 +228,7 @@ def remainder(m: Arithmetic, a: int, b: int) -> Found:
 
 
 def exp(m: Arithmetic, x: int) -> Found:
-    """The exponential: of the remainder of x after n log 2, times 2^n in two steps, because n may be below all
-    powers.
-    """
+    """The exponential of the remainder of x after n log 2, times 2^n in two steps: n may be below all powers."""
     x = m.max(m.min(x, 720.0), -760.0)
     shifted = m.add(m.mul(x, 1.0 / math.log(2.0)), ROUNDING)
     n = m.sub(shifted, ROUNDING)

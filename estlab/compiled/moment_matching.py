@@ -83,9 +83,7 @@ def by_points(
     factor: Matrix,
     crossed: int,
 ) -> TracedMoments:
-    """Moments through points about the mean. wrap: wraps differences of values. crossed: the number of components
-    that need a cross-covariance.
-    """
+    """Moments through points about the mean. wrap: wraps differences. crossed: components with a cross-covariance."""
     offsets = points.offsets(factor)
     middle, rises = deviations(points, function, wrap, mean, offsets)
     m, count = len(middle), len(offsets)

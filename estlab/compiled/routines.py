@@ -98,9 +98,7 @@ def triangular(n: int, i: int, j: int) -> int:
 
 
 def slots(n: int) -> int:
-    """The number of slots of a belief: mean, triangle, 1 if it is beyond what the code can do, number of rejected
-    readings.
-    """
+    """The size of a belief: mean, triangle, 1 if it is beyond what the code can do, number of rejected readings."""
     return triangular(n, n, 0) + 2
 
 

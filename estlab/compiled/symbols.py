@@ -69,9 +69,7 @@ def _three(name: str) -> tuple[Operator, Operator, Operator]:
 
 
 class Symbol:
-    """A number (or truth value) of each run, known only later. In-place operations change it, as they would an
-    array.
-    """
+    """A number (or truth value) of each run, known only later. In-place operations change it, like an array."""
 
     __slots__ = ("graph", "number")
     shape: tuple[int, ...] = ()

@@ -1,10 +1,9 @@
 """What a run is expected to find, and whether it did.
 
 An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and component in either order, and the
-allowed values at that place in metrics.csv. Without a filter it applies to each filter. Without a component it
-applies to the metric's only one, or to the one called ``all``. A cell of a problem's own table is
-``table.<column>.<row>``: the row by the content of its first column, the column with or without its unit. A value
-that is missing or NaN meets no expectation.
+allowed values there in metrics.csv. Without a filter it applies to each; without a component, to the metric's only one
+or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``: the row by the content of its
+first column, the column with or without its unit. A value that is missing or NaN meets no expectation.
 
 Values are compared to twelve digits, so a share of time that is one except for the last bit is one.
 """
@@ -63,9 +62,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Expectation:
-    """The allowed values of a metric, for each filter if none is named; or of a cell of the problem's own table, by
-    its row.
-    """
+    """The allowed values of a metric, for each filter if none is named; or of a cell of the problem's own table."""
 
     metric: str
     filter: str | None
@@ -136,9 +133,7 @@ def check(
     rows: Mapping[str, Sequence[_Row]],
     table: Mapping[str, Sequence[Any]] | None = None,
 ) -> list[Finding]:
-    """Check each expectation against the rows of metrics.csv of each filter that it applies to, or against the own
-    table.
-    """
+    """Check each expectation against the rows of metrics.csv of each of its filters, or against the own table."""
     found = []
     for e in expected:
         names = [""] if e.metric == TABLE else [e.filter] if e.filter else rows

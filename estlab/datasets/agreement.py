@@ -39,9 +39,7 @@ def of_readings(kind: str, readings: Array, expected: Array, what: str, space: S
 
 
 def of_each(ranges: Array, expected: Array, codes: Array, what: str) -> tuple[str, ...]:
-    """A remark about barcodes (N,), each with a few readings, whose ranges (N,) fit the truth far worse than the
-    rest.
-    """
+    """A remark about barcodes (N,), each with a few readings, whose ranges (N,) fit far worse than the rest."""
     known = np.flatnonzero(np.isfinite(expected))
     if known.size < _LEAST:
         return ()

@@ -20,9 +20,7 @@ _HDF5 = (b"MATLAB 7.3", b"\x89HDF")
 
 @dataclass(frozen=True)
 class Frames:
-    """The values of each frame, and their times (N,) [s] if the file has them. name: the variable's name in the
-    file.
-    """
+    """The values of each frame, and their times (N,) [s] if the file has them. name: of the variable in the file."""
 
     name: str
     values: list[Array]

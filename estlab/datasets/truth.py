@@ -56,9 +56,7 @@ def first_of_each(way: Array, length: float) -> Array:
 
 
 def _course_error(x: Array, y: Array, heading: Array) -> float | None:
-    """Median angle [rad] between the heading and the chord to the position 5 cm later; None if the robot hardly
-    moves.
-    """
+    """Median angle [rad] between heading and the chord to the position 5 cm later; None if the robot hardly moves."""
     travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if travel[-1] < _TELLING_TRAVEL:
         return None

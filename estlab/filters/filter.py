@@ -33,9 +33,7 @@ class Innovation(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Describes a sample covariance: (runs,) the number of states, and the factor between it and the unbiased
-    covariance.
-    """
+    """A sample covariance: (runs,) the number of states, and the factor between it and the unbiased covariance."""
 
     size: Array
     scale: Array

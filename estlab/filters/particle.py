@@ -167,9 +167,7 @@ class ParticleFilter(Filter[Particles]):
         )
 
     def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Particles:
-        """Ancestors drawn by how well their noiseless prediction matches the reading, moved with noise; weights
-        correct for the choice.
-        """
+        """Ancestors drawn by the fit of their noiseless prediction and moved with noise; weights correct for this."""
         last = belief.last
         if last is None:
             return belief

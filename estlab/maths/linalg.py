@@ -253,9 +253,7 @@ def _alike(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def without(cov: Array, missing: Array) -> Array:
-    """A covariance (m, m, *batch or nothing) in which missing entries (m, *batch) are independent, with unit
-    variance.
-    """
+    """A covariance (m, m, *batch or nothing) with missing entries (m, *batch) independent, of unit variance."""
     more = missing.ndim - 1
     whole = cov.reshape(*cov.shape, *(1,) * (more - cov.ndim + 2))
     if not missing.any():

@@ -54,9 +54,7 @@ class Weights(NamedTuple):
 
 
 def _normalise(logs: Array, top: Array, linear: Array) -> Array:
-    """Log-weights (N, runs) minus the log of the sum of their exponentials, stored in ``linear``; the effective sizes
-    (runs,).
-    """
+    """Normalised log-weights (N, runs), with their exponentials stored in ``linear``; the effective sizes (runs,)."""
 
     def exponentials(part: slice) -> Array:
         logs[part] -= top

@@ -107,9 +107,7 @@ class SymmetricSigmaPoints(SigmaPoints):
         return points
 
     def cross(self, factor: Array, weights: Array, of_value: Array) -> Array:
-        """Points lie opposite each other, so this is the sum over the axes of L times the difference of their
-        values.
-        """
+        """For points opposite each other: the sum over the axes of L times the difference of their values."""
         n = factor.shape[0]
         difference = of_value[:, :n] - of_value[:, n:]
         return (weights * np.sqrt(self.spread2(n))) * lower_matmul(factor, transpose(difference))

@@ -56,9 +56,7 @@ def figure(found: Estimate, expected: float = math.nan) -> str:
 
 
 def interval(found: Estimate, expected: float = math.nan) -> str:
-    """Both ends with the same digits, on the same side of the expected value as unrounded; empty without an
-    interval.
-    """
+    """Both ends with the same digits, on their unrounded side of the expected value; empty without an interval."""
     if math.isnan(found.low):
         return ""
     places = decimals(found.value, found.low, found.high, expected)

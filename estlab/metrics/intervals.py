@@ -53,9 +53,7 @@ def stretched(relative_error: float, n: int, level: float) -> float:
 
 
 def t_test(moments: SampleMoments, expected: float) -> float:
-    """The two-sided p-value of a mean: below a level exactly where :func:`mean_interval` excludes the expected
-    value.
-    """
+    """The two-sided p-value of a mean: below a level exactly where :func:`mean_interval` excludes ``expected``."""
     mean, error, n = _parts(moments)
     return _t_tail((mean - expected) / error, n) if error > 0.0 else np.nan
 
@@ -162,9 +160,7 @@ def judged_at(p_values: Array) -> Array:
 
 
 def _trials(moments: SampleMoments) -> tuple[float, float, int]:
-    """A share of time, the number of independent trials with the variance that the runs show, and the number of
-    runs.
-    """
+    """A share of time, the number of independent trials with the runs' variance, and the number of runs."""
     mean, error, n = _parts(moments)
     share = min(max(mean, 0.0), 1.0)  # rounding may push a sum of shares of time just past one
     return share, share * (1.0 - share) / error**2 if n > 1 and error > 1e-12 else float(n), n

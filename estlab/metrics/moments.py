@@ -29,9 +29,7 @@ class SampleMoments:
         return cls(count, mean, np.einsum("i...r,j...r->ij...", off, off))
 
     def plus(self, other: "SampleMoments") -> "SampleMoments":
-        """The moments of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many
-        are added.
-        """
+        """The moments of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1, which avoids cancellation."""
         count = self.count + other.count
         share = other.count / np.maximum(count, 1)
         shift = other.mean - self.mean

@@ -160,9 +160,7 @@ def shares_inside(scores: Scores) -> tuple[Array, Array]:
 
 
 def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array]:
-    """NIS, the mean of its law and the number of values measured, (T, runs), from whitened innovations in the order
-    of their steps.
-    """
+    """NIS, the mean of its law and the number of values measured, (T, runs), from innovations in order of steps."""
     whitened = estimates.whitened
     steps, runs = record.time.size, whitened.shape[2]
     nis, expected, measured = np.zeros((steps, runs)), np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)

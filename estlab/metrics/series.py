@@ -109,9 +109,7 @@ def _independent(tally: Tally, runs: Array) -> Array:
 
 
 def _stretch(tally: Tally) -> Array:
-    """The factor by which the interval of each RMSE over runs reaches up and down, as in
-    intervals.positive_interval.
-    """
+    """The factor by which each RMSE's interval reaches up and down, as in intervals.positive_interval."""
     from scipy.special import stdtrit
 
     count = np.where(tally.sums["scored"] > 1, tally.sums["scored"], np.nan)

@@ -135,9 +135,7 @@ class Tally:
         return found
 
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
-        """Each run's NEES and NIS over their expectations, NIS over the number of values measured, and effective
-        sample size.
-        """
+        """Each run's NEES and NIS over their expectations, NIS over the values measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         nees = _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0))
         found = {

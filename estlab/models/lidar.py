@@ -1,6 +1,4 @@
-"""LIDAR frames of a rectangle: rays cast from the origin at fixed steps of bearing, and the measurement taken from
-them.
-"""
+"""LIDAR frames of a rectangle: rays cast from the origin at fixed steps of bearing, and their measurement."""
 
 import numpy as np
 

@@ -101,9 +101,7 @@ def corners(state: Array) -> Array:
 
 
 def _distance(beyond: Array, beside: Array) -> Array:
-    """Distance of the edges from a point that lies so far beyond them along and across the heading; inside where both
-    < 0.
-    """
+    """Distance of the edges from a point so far beyond them along and across the heading; inside where both < 0."""
     out_beyond, out_beside = np.maximum(beyond, 0.0), np.maximum(beside, 0.0)
     outside = np.sqrt(out_beyond * out_beyond + out_beside * out_beside)
     return outside - np.minimum(np.maximum(beyond, beside), 0.0)

@@ -185,9 +185,7 @@ class Car(Scenario):
 
     @property
     def _has_bound(self) -> bool:
-        """Whether everything is drawn from the model, and no size is so close to the smallest that its error is not
-        Gaussian.
-        """
+        """Whether everything is drawn from the model, and no size is too close to the smallest for a Gaussian error."""
         room = (_BEGIN - _BEGIN_WITHIN)[LENGTH:] - self.smallest
         whole = (room > 4.0 * np.asarray(self.initial_sd[LENGTH:])).all()
         return self.truth == "model" and self.initial == "drawn" and bool(whole)

@@ -257,9 +257,7 @@ class Landmark(Scenario):
         return Readings(when[reading], values[:, slot, reading], order[slot, reading])
 
     def _prior(self, streams: Streams, runs: Sequence[int], begin: Array, sds: Array | None = None) -> Gaussian:
-        """A Gaussian about the start, with initial_sd; with ``sds`` instead if the start was estimated from
-        readings.
-        """
+        """A Gaussian about the start, with initial_sd, or with ``sds`` if the start was estimated from readings."""
         cov = diagonal_cov(self.initial_sd if sds is None else np.maximum(self.initial_sd, sds).tolist())
         if self.initial == "truth" or sds is not None:
             return Gaussian(begin, cov)

@@ -70,9 +70,7 @@ class Scenario(ABC):
     clocks: ClassVar[Sequence[str]] = ()
 
     def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
-        """The scenario's keys that a run on data from this source does not read, each with the setting that would
-        read it.
-        """
+        """The keys that a run on data from this source does not read, each with the setting that would read it."""
         if source == "files":
             return dict.fromkeys(self.of_simulation, "data=simulated")
         return dict.fromkeys(self.of_recordings, "data=files")
@@ -89,9 +87,7 @@ class Scenario(ABC):
 
     @property
     def lost_beyond(self) -> float | None:
-        """The position error, in its unit, beyond which a run that stays there to the end is lost; None for no
-        limit.
-        """
+        """The position error, in its unit, beyond which a run that stays there to the end is lost; or None."""
         return None
 
     @property

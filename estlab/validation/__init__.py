@@ -1,3 +1,1 @@
-"""Checks what a user's problem and filter return against their contracts, once, before any work. Every fault is one
-line.
-"""
+"""Checks a user's problem and filter against their contracts, once, before any work. Every fault is one line."""
