@@ -14,7 +14,7 @@ _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _BITS = {"iadd": "add", "isub": "sub", "iand": "and", "ixor": "xor", "ishl": "shl", "iashr": "ashr"}
 _LOGIC = {"and": "and", "or": "or", "bxor": "xor"}
 _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
-ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }\n!0 = !{i32 1}'
 _INTRINSICS = {"sqrt": "sqrt", "floor": "floor", "rint": "rint", "abs": "fabs"}
 
 
@@ -25,11 +25,13 @@ class Access(NamedTuple):
     parameter itself; "landmark", at the pointer + index * stride + the number that each lane has in %landmark_number,
     whose next row, %value_stride further, is for the next ``columns`` indices; "same_landmark" likewise, by the number
     that stands for the first lane.
+    streamed: whether what is stored goes past the caches; vectors then lie at whole multiples of their size.
     """
 
     kind: str
     stride: str = "1"
     columns: int = 1
+    streamed: bool = False
 
 
 class Types:
@@ -80,7 +82,8 @@ def function(
             lines.append(f"{pointer}_s = extractelement {t.d} {names[node]}, i32 0")
             lines.append(f"store double {pointer}_s, ptr {pointer}, align 8")
         else:
-            lines.append(f"store {t.d} {names[node]}, ptr {pointer}, align 8")
+            how = f"align {8 * lanes}, !nontemporal !0" if access[kind].streamed else "align 8"
+            lines.append(f"store {t.d} {names[node]}, ptr {pointer}, {how}")
     return [f"define internal void @{name}({parameters(access)}) #0 {{", *lines, "ret void", "}"]
 
 

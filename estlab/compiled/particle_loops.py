@@ -90,35 +90,36 @@ def over(
 
 def once(v: str, routine: Routine, lanes: int) -> list[str]:
     """A routine for the run, its numbers being the same in all lanes."""
-    lines, _ = _text(routine, {name: Access("one") for name in (*_ACCESS, "mean", "cov", "size")} | _FLAG, lanes)
+    lines, _ = _text(routine, {name: Access("one") for name in (*_ACCESS, *_OF_RUN)} | _FLAG, lanes)
     return _inlined(lines, f"{v}_", {**_GIVEN, "flag": "%run_flags"})
 
 
 _FLAG = {"flag": Access("lanes", str(EIGHT))}
+_OF_RUN = ("control", "factor", "reading", "whitening", "landmark", "mean", "cov", "size", "vanished", "whitened",
+           "log_scale")  # fmt: skip
 # What is the same for all particles of a run, and what is added up over them.
 _ACCESS = {
-    **{name: Access("one") for name in ("control", "factor", "reading", "whitening", "landmark", "mean", "top",
-                                        "vanished", "total")},
+    **{name: Access("one") for name in (*_OF_RUN, "noise", "top", "total")},
     **_FLAG,
     "lapse": Access("value"),
     "sums": Access("lanes", str(EIGHT)),
     "present": Access("lanes"),
-}  # fmt: skip
+}
 _GIVEN = {
-    **{name: f"%run_{name}" for name in ("control", "factor", "reading", "whitening", "landmark", "mean", "cov", "size",
-                                         "vanished")},
+    **{name: f"%run_{name}" for name in _OF_RUN},
+    "noise": "%noise",
     "top": "%pair",
     "total": "%pair",
     "lapse": "%dt",
     "sums": "%sums",
-}  # fmt: skip
+}
 
 
 def _text(routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[list[str], set[str]]:
     """The lines of a routine, and what they load and store. Where a function is not right, the run is flagged."""
     graph = routine.tracer.graph
     nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in routine.outputs]
-    lowered = Lowered(graph, nodes)
+    lowered = Lowered(graph, nodes, [symbol.number for symbol in routine.failed])
     arithmetic = lowered.graph
     outputs = [(name, index, node) for (name, index, _), node in zip(routine.outputs, lowered.outputs, strict=True)]
     if arithmetic.nodes[lowered.beyond][0] != "false":

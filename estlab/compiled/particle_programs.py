@@ -13,14 +13,16 @@ from estlab.maths.space import Space
 COMMON = ("RUNS", "COUNT", "row", "flags", "aside", "sums", "present")
 STREAMS = ("state", "layers")
 DRAWING = ("RUNS", "COUNT", "row", *STREAMS, "out", "NORMAL")
-CHOICE = ("weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
-CHOOSING = ("RUNS", "COUNT", *CHOICE)
+CHOOSING = ("RUNS", "COUNT", "weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
+RESAMPLING = ("weight", "log", "u", "U_NEXT", "U_STRIDE", "U_DRAWN", "strata")  # of a step that resamples
 MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_STRIDE", "LAPSE", "control",
-          "CONTROL_NEXT", "factor", "FACTOR_NEXT", *CHOICE, "nth_few", "U_DRAWN", "log", "even",
+          "CONTROL_NEXT", "factor", "FACTOR_NEXT", "nth_few", *RESAMPLING, "edge", "position", "chosen", "even",
           "gathered")  # fmt: skip
 NORMALISING = (*COMMON, "log", "linear", "size", "vanished", "pair")
-WEIGHING = (*NORMALISING, "NORMALISED", "point", "CLOUD_STRIDE", "log_before", "weight", "reading", "whitening",
-            "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected", "EXPECTED_STRIDE", "mean", "cov")  # fmt: skip
+NORMALISED = ("linear", "size", "vanished", "mean", "cov", "noise", "whitened", "log_scale")  # where weights are wanted
+WEIGHING = (*COMMON, "pair", "log", "NORMALISED", *NORMALISED, "point", "CLOUD_STRIDE", "log_before", "weight",
+            "reading", "whitening", "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected",
+            "EXPECTED_STRIDE")  # fmt: skip
 SUMMING = (*COMMON, "vector", "CLOUD_STRIDE", "weight", "mean", "cov")
 
 _LESS_THAN_ALL = "0xFFF0000000000000"
@@ -61,7 +63,7 @@ def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
 
 
 def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
-    """The program that holds particles against a reading, and makes weights of what it finds."""
+    """The program that holds particles against a reading; and that finds weights and the innovation."""
     n, m, space = sensor.state.size, sensor.space.size, sensor.space
     columns = {
         "point": ParticleColumn("%run_point", n, "%CLOUD_STRIDE"),
@@ -81,15 +83,20 @@ def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
         *of_run("landmark", "%LANDMARK_NEXT"),
         *of_run("mean", str(m)),
         *of_run("cov", str(m * m)),
+        *of_run("whitened", str(m)),
+        *of_run("log_scale", str(m)),
         *zeros("a", m + len(space.angles)),
         *over("b", particle_routines.look(sensor, whitening), columns, ("point", "log_before", "weight"),
               ("log",), lanes),
-        *once("c", particle_routines.mean(space), lanes),
-        *zeros("d", m * (m + 1) // 2),
-        *over("e", particle_routines.spread(space), columns, ("weight",), (), lanes),
-        *once("f", particle_routines.covariance(space), lanes),
         "%normalised = icmp ne i64 %NORMALISED, 0",
-        *when("normalising", "%normalised", _normalise(lanes)),
+        *when("normalising", "%normalised", [
+            *once("c", particle_routines.mean(space), lanes),
+            *zeros("d", m * (m + 1) // 2),
+            *over("e", particle_routines.spread(space), columns, ("weight",), (), lanes),
+            *once("f", particle_routines.covariance(space), lanes),
+            *once("o", particle_routines.innovation(space), lanes),
+            *_normalise(lanes),
+        ]),
     ]  # fmt: skip
     return program(WEIGHING, each_run(body), lanes)
 

@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from estlab.compiled.algebra import Row, minus, times, total
+from estlab.compiled.algebra import Row, minus, solve_lower, symmetric, times, total
 from estlab.compiled.model_graphs import MotionModel, SensorModel, wrapped
+from estlab.compiled.moment_matching import factored
 from estlab.compiled.routines import Routine
 from estlab.compiled.symbols import Symbol
+from estlab.compiled.updates import without
 from estlab.maths.space import Space
 
 EIGHT = 8  # partial sums of each sum
@@ -89,6 +91,22 @@ def covariance(space: Space) -> Routine:
         for j in range(i + 1):
             found = sums(routine, i * (i + 1) // 2 + j)
             routine.outputs += [("cov", a * n + b, found) for a, b in {(i, j), (j, i)}]
+    return routine
+
+
+def innovation(space: Space) -> Routine:
+    """How far the reading lies from what is expected, whitened: see estlab.filters.filter.Innovation."""
+    routine, m = Routine(space.size), space.size
+    tracer = routine.tracer
+    reading, middle = tracer.leaves("reading", m), tracer.leaves("mean", m)
+    missing = [value != value for value in reading]  # which NaN is
+    away = wrapped(space, [minus(reading[a], middle[a]) for a in range(m)])
+    away = [routine.choose(missing[a], 0.0, away[a]) for a in range(m)]
+    cov = symmetric(m, lambda i, j: tracer.leaf("cov", i * m + j) + tracer.leaf("noise", i * m + j))
+    factor = factored(without(routine, cov, list(missing)), routine.failed)
+    for a, (whitened,) in enumerate(solve_lower(factor, [[entry] for entry in away])):
+        routine.outputs.append(("whitened", a, routine.choose(missing[a], math.nan, whitened)))
+        routine.outputs.append(("log_scale", a, routine.choose(missing[a], math.nan, factor[a][a].log())))
     return routine
 
 

@@ -20,18 +20,20 @@ MOST_OPERATIONS = 25_000
 
 # The arguments of a program, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
-    "runs", "first", "last", "steps", "readings", "controls", "noises",  # columns of the last two: runs, or 1
+    "runs", "first", "last", "steps", "readings", "reading_stride",
+    "controls", "control_stride", "noises",  # columns of the first and the last: runs, or 1
     "parameter", "lapse", "control", "noise", "which", "noise_rows", "bounds", "value", "landmark_number",
     "landmark", "landmarks", "pause", "at_rest", "belief", "room", "mean", "cov", "whitened", "log_scale", "gated",
     "smooth_mean", "smooth_cov",
 )  # fmt: skip
 _POINTERS = frozenset(FIELDS) - {
-    "runs", "first", "last", "steps", "readings", "controls", "noises", "noise_rows", "landmarks", "pause"
+    "runs", "first", "last", "steps", "readings", "reading_stride", "controls", "control_stride", "noises",
+    "noise_rows", "landmarks", "pause",
 }  # fmt: skip
 
 
 def accesses(
-    lanes: int, each_control: bool, each_noise: bool, each_landmark: bool, coordinates: int
+    lanes: int, each_control: bool, each_noise: bool, each_landmark: bool, coordinates: int, streamed: bool
 ) -> dict[str, Access]:
     """The memory layout of everything that routines load and store."""
     return {
@@ -40,12 +42,12 @@ def accesses(
         "lapse": Access("value"),
         "control": Access("lanes" if each_control else "one", "%control_stride"),
         "noise": Access("lanes" if each_noise else "one", "%noise_stride"),
-        "value": Access("lanes", "%value_stride"),
+        "value": Access("lanes", "%reading_stride"),
         "landmark": Access("landmark" if each_landmark else "same_landmark", "%landmark_stride", max(coordinates, 1)),
-        "mean": Access("lanes", "%history_stride"),
-        "cov": Access("lanes", "%history_stride"),
-        "whitened": Access("lanes", "%value_stride"),
-        "log_scale": Access("lanes", "%value_stride"),
+        "mean": Access("lanes", "%history_stride", streamed=streamed),
+        "cov": Access("lanes", "%history_stride", streamed=streamed),
+        "whitened": Access("lanes", "%value_stride", streamed=streamed),
+        "log_scale": Access("lanes", "%value_stride", streamed=streamed),
         "gated": Access("lanes"),
         "before_mean": Access("lanes", "%history_stride"),
         "before_cov": Access("lanes", "%history_stride"),
@@ -152,7 +154,6 @@ def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
         "%pause_time = bitcast i64 %pause to double",
         "%history_stride = mul i64 %steps, %runs",
         "%value_stride = mul i64 %readings, %runs",
-        "%control_stride = mul i64 %steps, %controls",
         "%noise_stride = mul i64 %noise_rows, %noises",
         "%landmark_stride = add i64 %landmarks, 0",
         f"%whole = add i64 %runs, {lanes - 1}",
@@ -168,7 +169,7 @@ def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
         "%end = select i1 %short, i64 %vectors, i64 %full",
         *body,
     ]
-    return "\n".join([*lines, *loop("g", "0", "%groups", group), "ret void", "}", emit.ATTRIBUTES, ""])
+    return "\n".join([*lines, *loop("g", "0", "%groups", group), "fence seq_cst", "ret void", "}", emit.ATTRIBUTES, ""])
 
 
 def _at(v: str, n: int, lanes: int) -> list[str]:

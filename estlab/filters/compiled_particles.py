@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from estlab.compiled.particle_routines import EIGHT, Entries
-from estlab.filters.particle import ParticleFilter, Particles, whitening_of
-from estlab.filters.particle_code import ParticleCode
+from estlab.compiled.particle_programs import NORMALISED, RESAMPLING
+from estlab.compiled.particle_routines import EIGHT
+from estlab.filters.filter import Innovation
+from estlab.filters.particle import ParticleFilter, Particles
+from estlab.filters.particle_code import ParticleCode, apart, by_runs, entries_of, flat
 from estlab.filters.step import Step
 from estlab.maths import cloud
 from estlab.maths.gaussian_belief import Gaussian
@@ -37,7 +39,7 @@ class CompiledParticleFilter(ParticleFilter):
         nth = np.full(belief.fresh.size, -1)
         nth[few] = np.arange(few.size)
         old = belief.weights
-        log, weight, size, vanished = _flat(old.log), _flat(old.linear), old.size.copy(), old.vanished.copy()
+        log, weight, size, vanished = flat(old.log), flat(old.linear), old.size.copy(), old.vanished.copy()
         size[few], vanished[few] = self.particles, False
         choice = self._choice(belief.generators.take(few), drawn=self.resampling == "multinomial")
         points, step = self._drawn(
@@ -65,62 +67,64 @@ class CompiledParticleFilter(ParticleFilter):
         return self._stepped(step, z, generators, DRAWN=1, **choice), step
 
     def _moved(self, step: Step, generators: Generators) -> Array:
-        return self._stepped(step, _by_runs(step.z), generators, DRAWN=0)
+        return self._stepped(step, by_runs(step.z), generators, DRAWN=0)
 
     def _stepped(self, step: Step, z: Array, generators: Any, **given: Any) -> Array:
         (n, count, runs), code = step.before.shape, self.code
         common = code.common(count, max(n, z.shape[1]), runs, generators)
-        after, before = cloud.empty(n, count, runs), _flat(step.before)
-        control, factor = _by_runs(step.control), _by_runs(step.factor)
-        given.setdefault("nth_few", np.full(runs, -1))
+        after, before = cloud.empty(n, count, runs), flat(step.before)
+        control, factor = by_runs(step.control), by_runs(step.factor)
+        given = dict.fromkeys(RESAMPLING, 0) | {"nth_few": np.full(runs, -1)} | given
         code.move(
-            _entries(step.factor), len(step.control), **common, **given, z=z, Z_NEXT=_next(z), before=before,
-            after=after, CLOUD_STRIDE=count * runs, LAPSE=float(step.dt), control=control, CONTROL_NEXT=_next(control),
-            factor=factor, FACTOR_NEXT=_next(factor), chosen=code.address("chosen", count),
+            entries_of(step.factor), len(step.control), **common, **given, z=z, Z_NEXT=apart(z), before=before,
+            after=after, CLOUD_STRIDE=count * runs, LAPSE=float(step.dt), control=control, CONTROL_NEXT=apart(control),
+            factor=factor, FACTOR_NEXT=apart(factor), chosen=code.address("chosen", count),
             gathered=code.address("gathered", n * count),
         )  # fmt: skip
         return after
 
-    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Weights, Gaussian]:
-        return self._held(sensor, belief, reading, landmark, normalised=True)
-
-    def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
-        weights, expected = self._held(sensor, belief, reading, landmark, normalised=False)
-        return weights.log, expected
-
-    def _held(
-        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array, normalised: bool
-    ) -> tuple[Weights, Gaussian]:
-        (n, count, runs), m = belief.points.shape, sensor.space.size
-        generators: Any = belief.generators
+    def _weighed(
+        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
+    ) -> tuple[Weights, Innovation]:
+        m, (count, runs) = sensor.space.size, belief.weights.log.shape
+        found, whitened, log_scale = _Weights(count, runs), np.empty((runs, m)), np.empty((runs, m))
+        noise = np.ascontiguousarray(sensor.noise_cov, dtype=float)
         mean, cov = np.empty((runs, m)), np.empty((runs, m, m))
-        found, padded, point = _Weights(count, runs), -(-count // EIGHT) * EIGHT, _flat(belief.points)
-        matrix = whitening_of(sensor, reading)
-        reading, whitening, landmarks = (
-            _by_runs(reading),
-            _by_runs(matrix),
-            np.ascontiguousarray(landmark.T, dtype=float),
-        )
-        before, linear = _flat(belief.weights.log), _flat(belief.weights.linear)
-        self.code.weigh(
-            _entries(matrix), m // self.code.sensor.space.size, **self.code.common(count, max(n, m), runs, generators),
-            **found.fields, NORMALISED=int(normalised), point=point,
-            CLOUD_STRIDE=count * runs, log_before=before, weight=linear, reading=reading,
-            whitening=whitening, WHITENING_NEXT=_next(whitening), landmark=landmarks, LANDMARK_NEXT=_next(landmarks),
-            expected=self.code.address("expected", m * padded), EXPECTED_STRIDE=padded, mean=mean, cov=cov,
+        self._look(
+            sensor, belief, reading, landmark, **found.fields, NORMALISED=1, mean=mean, cov=cov, noise=noise,
+            whitened=whitened, log_scale=log_scale,
         )  # fmt: skip
-        return found.weights(), Gaussian(mean.T, cov.transpose(1, 2, 0))
+        return found.weights(), Innovation(whitened.T, log_scale.T, np.zeros(runs, dtype=bool))
+
+    def _likelihood(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Array:
+        logs = np.empty(belief.weights.log.shape[::-1])
+        self._look(sensor, belief, reading, landmark, log=logs, NORMALISED=0, **dict.fromkeys(NORMALISED, 0))
+        return logs.T
+
+    def _look(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array, **found: Any) -> None:
+        (n, count, runs), m, code = belief.points.shape, sensor.space.size, self.code
+        generators: Any = belief.generators
+        padded, point = -(-count // EIGHT) * EIGHT, flat(belief.points)
+        entries, whitening = code.whitening(sensor, reading)
+        landmarks = np.ascontiguousarray(landmark.T, dtype=float)
+        reading, log_before, weight = by_runs(reading), flat(belief.weights.log), flat(belief.weights.linear)
+        code.weigh(
+            entries, m // code.sensor.space.size, **code.common(count, max(n, m), runs, generators), **found,
+            point=point, CLOUD_STRIDE=count * runs, log_before=log_before, weight=weight, reading=reading,
+            whitening=whitening, WHITENING_NEXT=apart(whitening), landmark=landmarks, LANDMARK_NEXT=apart(landmarks),
+            expected=code.address("expected", m * padded), EXPECTED_STRIDE=padded,
+        )  # fmt: skip
 
     def _weights(self, logs: Array) -> Weights:
         found = _Weights(*logs.shape)
-        found.fields["log"] = _flat(logs)
+        found.fields["log"] = flat(logs)
         count, runs = logs.shape
         self.code.normalise(**self.code.common(count, 1, runs, None), **found.fields)
         return found.weights()
 
     def _moments(self, space: Space, points: Array, weights: Array, generators: Any) -> Gaussian:
         n, count, runs = points.shape
-        mean, cov, vector, weight = np.empty((runs, n)), np.empty((runs, n, n)), _flat(points), _flat(weights)
+        mean, cov, vector, weight = np.empty((runs, n)), np.empty((runs, n, n)), flat(points), flat(weights)
         self.code.sum(
             **self.code.common(count, n + len(space.angles), runs, generators), vector=vector,
             CLOUD_STRIDE=count * runs, weight=weight, mean=mean, cov=cov,
@@ -130,7 +134,7 @@ class CompiledParticleFilter(ParticleFilter):
     def _chosen(self, weights: Array, generators: Generators) -> Array:
         if self.resampling == "residual":
             return super()._chosen(weights, generators)
-        (count, runs), weight, code = weights.shape, _flat(weights), self.code
+        (count, runs), weight, code = weights.shape, flat(weights), self.code
         chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(generators, drawn=True)
         code.choose(**code.common(count, 0, runs, None), **choice, weight=weight, chosen=chosen)
         return chosen.T
@@ -142,7 +146,7 @@ class CompiledParticleFilter(ParticleFilter):
         strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
         u: Array | int = self.code.address("u", numbers)
         if drawn:
-            u = _flat(generators.uniforms((numbers,)))
+            u = flat(generators.uniforms((numbers,)))
             u = np.sort(u) if self.resampling == "multinomial" else u
         return {
             "u": u, "U_NEXT": numbers if drawn else 0, "U_STRIDE": int(numbers > 1), "U_DRAWN": 0 if drawn else numbers,
@@ -162,24 +166,3 @@ class _Weights:
     def weights(self) -> Weights:
         f = self.fields
         return Weights(f["log"].T, f["linear"].T, f["size"], f["vanished"] != 0.0)
-
-
-def _flat(values: Array) -> Array:
-    """Values (*shape, N, runs) as they lie in memory, each run's side by side."""
-    return np.ascontiguousarray(np.swapaxes(values, -1, -2))
-
-
-def _by_runs(values: Array) -> Array:
-    """Values (*shape, runs or 1) with runs first."""
-    axes = range(values.ndim - 1)
-    return np.ascontiguousarray(values.transpose(values.ndim - 1, *axes), dtype=float)
-
-
-def _next(values: Array) -> int:
-    """How far it is from one run's values to the next one's: nothing where they share them."""
-    return 0 if len(values) == 1 else values[0].size
-
-
-def _entries(matrix: Array) -> Entries:
-    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs, NaN being none."""
-    return tuple(zip(*(part.tolist() for part in np.nonzero((matrix != 0.0).any(axis=-1))), strict=True))

@@ -9,11 +9,14 @@ from estlab.compiled import cache
 from estlab.compiled.routines import Method
 from estlab.filters.filter import AnyFilter
 from estlab.filters.methods import method_of
-from estlab.filters.stacks import one_by_one, stacked
+from estlab.filters.stacks import in_rows, one_by_one, stacked
 from estlab.filters.step_tables import noise_table
 from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 from estlab.record import Record
+
+LINE = 8  # numbers of a line of the caches
+_BEYOND_CACHES = 16 * 2**20
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,10 @@ class FilterSetup:
 class Shape:
     """What the text of a program depends on, besides filter and models.
 
-    controls: components of a command. each_control, each_noise: whether they differ between runs. noise: the entries
-    of the process noise that are not zero. count: readings used as one. masked: whether parts of readings are
-    missing. each_landmark: whether the runs' readings may be about different landmarks. lanes: runs at once.
+    controls: components of a command. each_control, each_noise: whether runs have their own. noise: the entries of the
+    process noise that are not zero. count: readings taken as one. masked: whether numbers of readings are missing.
+    each_landmark: whether a reading of one run may be about another landmark than of the next. lanes: runs at once.
+    streamed: whether what is found is more than the caches hold, and lies in whole lines of them.
     """
 
     controls: int
@@ -54,6 +58,7 @@ class Shape:
     masked: bool
     each_landmark: bool
     lanes: int
+    streamed: bool
 
 
 class Given:
@@ -69,7 +74,7 @@ class Given:
         self.mean, self.matrix = start  # a covariance or its factor
         self.runs = int(self.mean.shape[1])
         self.stack = (stacked if setup.scheme == "stacked" else one_by_one)(record.readings, self.runs)
-        self.control = np.ascontiguousarray(record.control, dtype=float)
+        self.control = in_rows(record.control)
         lanes = lanes or cache.lanes()
         while lanes > self.runs:
             lanes //= 2
@@ -79,7 +84,13 @@ class Given:
             self.table.positions,
             self.table.entries.shape[2] > 1,
             self.stack.count,
-            bool(np.isnan(self.stack.values).any()),
+            bool(np.isnan(np.min(self.stack.values, initial=np.inf))),
             bool((self.stack.landmark_number != self.stack.landmark_number[..., :1]).any()),
             lanes,
+            self.runs % LINE == 0 and 8 * self._found(setup, record.time.size) > _BEYOND_CACHES,
         )
+
+    def _found(self, setup: FilterSetup, steps: int) -> int:
+        """How many numbers are found."""
+        n = setup.motion.space.size
+        return (n + n * n) * steps * self.runs + 2 * self.stack.values.size

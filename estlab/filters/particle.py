@@ -103,9 +103,8 @@ class ParticleFilter(Filter[Particles]):
     def update(
         self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
     ) -> tuple[Particles, Innovation]:
-        weights, expected = self._weighed(sensor, belief, reading, landmark)
+        weights, innovation = self._weighed(sensor, belief, reading, landmark)
         weighed = belief._replace(weights=weights)
-        innovation = _innovation(sensor, expected, reading)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
             part = self._with_chosen_ancestors(sensor, belief.take(fresh), reading[:, fresh], own(landmark, fresh))
@@ -173,12 +172,12 @@ class ParticleFilter(Filter[Particles]):
             return belief
         even = Weights.even(*belief.weights.log.shape)
         guess = belief._replace(points=self._moved(last.silent(), belief.generators), weights=even)
-        likelihood, _ = self._looked(sensor, guess, reading, landmark)
+        likelihood = self._likelihood(sensor, guess, reading, landmark)
         first_stage = self._weights(belief.weights.log + likelihood).linear
         chosen = self._chosen(first_stage, belief.generators)
         before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
         moved = belief._replace(points=self._moved(last._replace(before=before), belief.generators), weights=even)
-        second, _ = self._looked(sensor, moved, reading, landmark)
+        second = self._likelihood(sensor, moved, reading, landmark)
         return moved._replace(weights=self._weights(second - np.take_along_axis(likelihood, chosen, axis=0)))
 
     def _after(self, belief: Particles, step: Step) -> Particles:
@@ -199,10 +198,16 @@ class ParticleFilter(Filter[Particles]):
         """The points (n, N, runs) after a step."""
         return step.points()
 
-    def _weighed(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Weights, Gaussian]:
+    def _weighed(
+        self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
+    ) -> tuple[Weights, Innovation]:
         """The weights given a reading, and the reading that the belief expects."""
         logs, expected = self._looked(sensor, belief, reading, landmark)
-        return self._weights(logs), expected
+        return self._weights(logs), _innovation(sensor, expected, reading)
+
+    def _likelihood(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Array:
+        """Log-weights (N, runs) with log p(reading | point), up to a constant."""
+        return self._looked(sensor, belief, reading, landmark)[0]
 
     def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
         """Log-weights (N, runs) with log p(reading | point), up to a constant; and the expected reading."""

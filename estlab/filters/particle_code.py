@@ -9,6 +9,7 @@ import numpy as np
 from estlab.compiled import cache, numpy_streams, particle_programs
 from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.particle_routines import EIGHT, Entries
+from estlab.filters.particle import whitening_of
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
@@ -24,6 +25,7 @@ class ParticleCode:
     def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
         self._programs: dict[Any, tuple[cache.MachineCode, Callable[[int], None]]] = {}
+        self._whitenings: dict[int, tuple[Entries, Array]] = {}  # of readings of so many numbers, none missing
         self._rooms: dict[str, Array] = {}
         self._addresses: dict[str, int] = {}
         self._kept: dict[int, tuple[dict[str, Array], dict[str, int]]] = {}
@@ -74,6 +76,17 @@ class ParticleCode:
 
         self._run(("weighing", whitening, count), make, particle_programs.WEIGHING, given)
 
+    def whitening(self, sensor: Sensor, reading: Array) -> tuple[Entries, Array]:
+        """What turns differences from a reading (m, runs) into independent numbers, by runs; its entries."""
+        partial, m = np.isnan(reading).any(), sensor.space.size
+        if not partial and m in self._whitenings:
+            return self._whitenings[m]
+        matrix = whitening_of(sensor, reading)
+        found = entries_of(matrix), by_runs(matrix)
+        if not partial:
+            self._whitenings[m] = found
+        return found
+
     def room(self, name: str, size: int) -> Array:
         """Room for so many numbers, of no meaning between two calls."""
         if name not in self._rooms or self._rooms[name].size < size:
@@ -110,7 +123,7 @@ class ParticleCode:
         if key not in self._programs:
             program = cache.program(make())
             self._programs[key] = program, program.function("run")
-        fields = np.array([_word(given.get(name, 0)) for name in names], dtype=np.int64)
+        fields = np.array([_word(given[name]) for name in names], dtype=np.int64)
         self._programs[key][1](fields.ctypes.data)
 
     def _drawing(self) -> str:
@@ -170,3 +183,24 @@ def _word(value: Any) -> int:
     if isinstance(value, np.ndarray):
         return value.ctypes.data
     return int(np.float64(value).view(np.int64)) if isinstance(value, float) else value
+
+
+def flat(values: Array) -> Array:
+    """Values (*shape, N, runs) as they lie in memory, each run's side by side."""
+    return np.ascontiguousarray(np.swapaxes(values, -1, -2))
+
+
+def by_runs(values: Array) -> Array:
+    """Values (*shape, runs or 1) with runs first."""
+    axes = range(values.ndim - 1)
+    return np.ascontiguousarray(values.transpose(values.ndim - 1, *axes), dtype=float)
+
+
+def apart(values: Array) -> int:
+    """How far it is from one run's values to the next one's: nothing where they share them."""
+    return 0 if len(values) == 1 else values[0].size
+
+
+def entries_of(matrix: Array) -> Entries:
+    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs, NaN being none."""
+    return tuple(zip(*(part.tolist() for part in np.nonzero((matrix != 0.0).any(axis=-1))), strict=True))

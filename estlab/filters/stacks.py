@@ -29,10 +29,16 @@ class Stack:
         return np.moveaxis(parts[self.slot, :, self.reading], 1, 0)
 
 
+def in_rows(array: Array) -> Array:
+    """Numbers (n, T, runs) whose every component lies in one stretch, as they are or copied."""
+    alike = array.dtype == np.float64 and array[:1].flags.c_contiguous and array.flags.aligned
+    return array if alike else np.ascontiguousarray(array, dtype=float)
+
+
 def one_by_one(readings: Readings, runs: int) -> Stack:
     """Each reading separately, for the first runs."""
     every = np.arange(readings.step.size)
-    values = np.ascontiguousarray(readings.values[:, :, :runs], dtype=float)
+    values = in_rows(readings.values[:, :, :runs])
     landmark_number = np.ascontiguousarray(readings.landmark_number[None, :, :runs], dtype=np.int64)
     return Stack(1, readings.step, values, landmark_number, every, np.zeros_like(every))
 

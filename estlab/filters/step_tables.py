@@ -42,7 +42,7 @@ def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[
     q = motion.noise_size
     found: list[Array] = []
     which, count = np.zeros(steps, dtype=np.int64), 0
-    order = np.argsort(lapse, kind="stable")
+    order = np.argsort(lapse)
     for alike in np.split(order, np.flatnonzero(np.diff(lapse[order])) + 1):
         dt = float(lapse[alike[0]])
         if dt <= 0.0:

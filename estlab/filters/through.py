@@ -1,6 +1,7 @@
 """Runs compiled code over a record: a filter's program, and its results."""
 
 import copy
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from estlab.compiled.model_graphs import MotionModel, SensorModel
 from estlab.compiled.programs import FIELDS, accesses, filtering, room, smoothing
 from estlab.compiled.routines import Routine, Steps, slots
 from estlab.filters.filter import chi_square_quantile
-from estlab.filters.given import FilterSetup, Given, Shape
+from estlab.filters.given import LINE, FilterSetup, Given, Shape
 from estlab.maths.linalg import cholesky
 from estlab.maths.space import Array
 from estlab.record import Estimates, Readings
@@ -33,7 +34,8 @@ class FilterProgram:
             if setup.scheme == "interleaved":
                 routines["pause"] = kernels.predict(steps, paused=True)
         coordinates = setup.sensor.landmarks.shape[0]
-        access = accesses(shape.lanes, shape.each_control, shape.each_noise, shape.each_landmark, coordinates)
+        each = shape.each_control, shape.each_noise, shape.each_landmark
+        access = accesses(shape.lanes, *each, coordinates, shape.streamed and not smooth)
         self.lanes = shape.lanes
         self.text = (smoothing if smooth else filtering)(routines, access, steps.n, shape.lanes)
         self.parameters = np.array([*steps.parameters.values, 0.0])
@@ -66,6 +68,14 @@ def _steps(setup: FilterSetup, shape: Shape) -> Steps:
     )
 
 
+def _in_lines(shape: tuple[int, ...]) -> Array:
+    """Room for numbers that begins with a line of the caches."""
+    size = math.prod(shape)
+    room = np.empty(size + LINE)
+    begin = -(room.ctypes.data // 8) % LINE
+    return room[begin : begin + size].reshape(shape)
+
+
 class Through:
     """A record processed by compiled code, with its results."""
 
@@ -75,16 +85,17 @@ class Through:
         runs, (i, j) = given.runs, np.tril_indices(n)
         belief = np.zeros((slots(n), runs))
         belief[:n], belief[n:-2] = given.mean, given.matrix[i, j]
-        whitened, log_scale = np.empty((2, *given.stack.values.shape))
+        whitened, log_scale = _in_lines((2, *given.stack.values.shape))
         if not setup.filter.traits.reads:  # else the code fills all of it
             whitened[:] = log_scale[:] = np.nan
-        mean, cov, gated = np.empty((n, steps, runs)), np.empty((n, n, steps, runs)), np.zeros((steps, runs))
+        mean, cov, gated = _in_lines((n, steps, runs)), _in_lines((n, n, steps, runs)), np.zeros((steps, runs))
         gate = setup.filter.traits.gate
         self.estimates = Estimates(mean, cov, whitened, log_scale, None, {"gated": gated}, gate)
         bounds = Readings(given.stack.step, given.stack.values, given.stack.landmark_number).bounds(steps)
         landmarks, entries = np.ascontiguousarray(setup.sensor.landmarks, dtype=float), given.table.entries
         self.fields: dict[str, Any] = {
             "runs": runs, "first": 0, "last": steps, "steps": steps, "readings": given.stack.values.shape[1],
+            "reading_stride": given.stack.values.strides[0] // 8, "control_stride": given.control.strides[0] // 8,
             "controls": given.control.shape[2], "noises": entries.shape[2], "parameter": program.parameters,
             "lapse": given.lapse, "control": given.control, "noise": entries, "which": given.table.which,
             "noise_rows": entries.shape[1], "bounds": bounds.astype(np.int64), "value": given.stack.values,

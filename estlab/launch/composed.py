@@ -1,4 +1,4 @@
-"""What Hydra composed for a run or a job, as plain data and as objects."""
+"""The configuration that Hydra composed for a run or a job, as plain data and as objects."""
 
 from collections.abc import Mapping
 from pathlib import Path, PurePath
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from estlab.config.build import Settings
     from estlab.experiment.monte_carlo import Names
 
-# What a title says anyway, or what changes nothing in the figures.
+# Keys that a title shows anyway, or that do not change the figures.
 _TOLD = (
     "scenario=",
     "filter=",
@@ -38,7 +38,7 @@ _TOLD = (
 
 
 def settings_of(config: "DictConfig") -> "tuple[Settings, Names]":
-    """The composed configuration as objects, and what the user called them."""
+    """The composed configuration as objects, and the user's names for its parts."""
     from estlab.config.build import build
 
     plain, names = described(config)
@@ -46,7 +46,7 @@ def settings_of(config: "DictConfig") -> "tuple[Settings, Names]":
 
 
 def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
-    """The composed configuration as plain data, and what the user called its parts."""
+    """The composed configuration as plain data, and the user's names for its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
@@ -61,10 +61,12 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     chosen = [word for word in words if word.startswith("filter=")]
     filters = plain.get("filters")
     if not isinstance(filters, Mapping):
-        filters = {}  # what is none is said where it is built
+        filters = {}  # an unknown choice is reported where it is built
     if filters and chosen and not any("filter@filters" in word for word in words):
         theirs = ",".join(filters)
-        raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+        raise UserError(
+            f"{chosen[0]} would not be used, because the experiment has its own filters, {theirs}; leave it out"
+        )
     given_keys.refuse_single_filter(words, filters)
     folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     stated = given_keys.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
@@ -72,13 +74,13 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
         given_keys.refuse_unread(_unread(plain), words, stated)
     changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
-    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
+    # However you write it, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
     return plain, Names(scenario, filter, changes, given_keys.other_data(words) and bool(stated.get("expect")))
 
 
 def _unread(plain: "dict[str, Any]") -> dict[str, str]:
-    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
+    """The keys that this configuration does not read, with what would; none if it does not build (said elsewhere)."""
     from estlab.config.build import build
 
     try:
@@ -94,14 +96,14 @@ def _unread(plain: "dict[str, Any]") -> dict[str, str]:
 
 
 def typed() -> list[str]:
-    """What is typed for the run or job that is composed now, as Hydra takes it."""
+    """The typed words for the run or job being composed, as Hydra received them."""
     from hydra.core.hydra_config import HydraConfig
 
     return [str(word) for word in raw(HydraConfig.get().overrides)["task"]]
 
 
 def raw(node: Any) -> dict[str, Any]:
-    """A node of what Hydra composed with ${...} as it stands there: in the name of a folder it is no interpolation."""
+    """A node of the composed configuration with ${...} unresolved: in the name of a folder it is no interpolation."""
     from omegaconf import OmegaConf
 
     return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))

@@ -1,4 +1,4 @@
-"""From the rest of a command line to jobs, by Hydra. The only place that knows it."""
+"""From the rest of a command line to jobs, through Hydra. Only this package knows Hydra."""
 
 import contextlib
 import errno
@@ -34,13 +34,13 @@ _BEGAN = time.time()
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
-# By number of the system's error, what to do about a file of the run that cannot be written.
+# What to do about a file of the run that cannot be written, by the system's error number.
 _REMEDIES = {
-    errno.ENOSPC: "make room or set output to another disk",
-    errno.EDQUOT: "make room or set output to another disk",
-    errno.ENOENT: "leave its directory where it is until the run has ended",
-    errno.EINVAL: "remove what stands in its place",
-    errno.EISDIR: "remove what stands in its place",
+    errno.ENOSPC: "free some space, or set output to another disk",
+    errno.EDQUOT: "free some space, or set output to another disk",
+    errno.ENOENT: "do not move its directory until the run has ended",
+    errno.EINVAL: "remove what is in its place",
+    errno.EISDIR: "remove what is in its place",
     errno.EROFS: "set output to another disk",
     errno.EIO: "the disk is failing, set output to another",
     errno.ESTALE: "set output to another disk",
@@ -51,7 +51,7 @@ _REMEDIES = {
 
 
 def pasted(path: Path) -> str:
-    """A path as a shell takes it."""
+    """A path in the form that a shell accepts."""
     return shlex.quote(str(path))
 
 
@@ -61,7 +61,7 @@ def complain(message: str, code: int = USAGE) -> int:
 
 
 def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
-    """Hand the rest of the command line to Hydra and its configuration to the job; the worst job's exit code."""
+    """Pass the command line to Hydra and its configuration to the job. Returns the worst job's exit code."""
     import hydra
     from hydra.errors import HydraException
 
@@ -82,17 +82,18 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     taken = prepared(arguments)
     sys.argv = ["estlab", *taken]
     try:
-        # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
+        # Hydra prints errors over several lines and exits with 1; with this variable it raises them, and we print one
+        # line.
         os.environ["HYDRA_FULL_ERROR"] = "1"
         composition.install()
         hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except HydraException as error:
-        # Before OSError, which a missing configuration is too.
+        # Before OSError, its base class: a missing configuration.
         if traceback_wanted:
             raise
         raise UserError(one_line(error, taken)) from error
     except OSError as error:
-        where = error.filename or "the folder where you stand"
+        where = error.filename or "the current folder"
         raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
@@ -164,7 +165,7 @@ def concluded(directory: "RunDirectory", work: Callable[[], str], page: bool) ->
 
 
 def _ended(directory: "RunDirectory", state: "State", message: str, code: int) -> int:
-    """Set the final status and say what is wrong; the exit code. A run whose status cannot be written has failed."""
+    """Set the final status and print what is wrong. Returns the exit code, that of a failure if it cannot be set."""
     try:
         directory.finish(state, message, code)
     except OSError as error:
@@ -173,31 +174,31 @@ def _ended(directory: "RunDirectory", state: "State", message: str, code: int) -
 
 
 def write_page(folder: Path) -> None:
-    """Write report.html. A disk without room for it changes nothing in how a run ended."""
+    """Write report.html. If the disk has no room for it, the run's outcome stays the same."""
     from estlab.report import page
 
     try:
         page.write(folder)
     except OSError as error:
         complain(
-            f"{error.filename}: {error.strerror}; the page is missing, "
-            f"draw it later with estlab report {pasted(folder)}"
+            f"{error.filename}: {error.strerror}; the page is missing; draw it later with estlab report "
+            f"{pasted(folder)}"
         )
     except Exception as error:
-        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
+        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); everything else is unchanged")
 
 
 def simulate_job(config: "DictConfig") -> int:
-    """Write simulated data: the exit code.
+    """Write simulated data. Returns the exit code.
 
-    Raises UserError for a configuration from which none can be made.
+    Raises UserError for a configuration without data to simulate.
     """
     from estlab.experiment.simulate import simulate
     from estlab.launch import composed
 
     settings, names = composed.settings_of(config)
     if not settings.data.path:
-        raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
+        raise UserError("data.path is required: the folder to write to, for example data.path=mine")
     for path in simulate(settings, names):
         print(printable(str(path)))
     return OK
@@ -223,7 +224,7 @@ def _reason(error: BaseException, log: Path) -> str:
 
 
 def _of_directory(error: OSError, folder: Path) -> bool:
-    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    """Whether the run directory is what fails, by the function that raised the error, or by the path that it names."""
     named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
     return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))
 
@@ -231,7 +232,8 @@ def _of_directory(error: OSError, folder: Path) -> bool:
 def remove_if_ours(folder: Path, output: Path) -> None:
     """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error.
 
-    Only what is empty and was made since this process began, and never a folder outside ``output`` but the run's own.
+    Removes only directories that are empty and were made since this process began, and none outside ``output`` except
+    the run's own.
     """
     with contextlib.suppress(OSError):
         if folder.stat().st_ctime >= _BEGAN and folder.resolve() not in (Path.cwd(), *Path.cwd().parents):

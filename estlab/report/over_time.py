@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 TRUTH, ESTIMATE, BAND, ENSEMBLE = "black", "C0", "C3", "C2"
 _DENSE = 1500  # steps from which a line would be a smear
 _CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
-_LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
-_HIGHEST = 1e4  # of a NEES / n that is drawn
+_LOST = 1e3  # steps from which a line would be a smear
+_HIGHEST = 1e4  # times the smallest, from which a filter's errors leave a panel
 
 
 def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":
@@ -83,7 +83,7 @@ def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, an
         jumps = angle & (np.abs(np.diff(middle, append=middle[-1:])) > np.pi)
         about = np.where(jumps, np.nan, middle)
         _draw_band(axes, columns, about, colour, of, alone)
-        label = short(f"estimate, truth not known, {of}")
+        label = short(f"estimate, truth unknown,  {of}")
         line(axes, {**columns, "about": about}, "about", color=colour, lw=_width(columns), label=label)
         known = np.isfinite(middle) & np.isfinite(columns["upper3"])
         if known.any():

@@ -241,13 +241,13 @@ PYTHON = "!!python/object/apply:os.system ['touch ran']"
 HOSTILE = {
     "a link that leads out": ("metrics.csv", _link, "is a link, which is not followed"),
     "a link to itself": ("metrics.csv", lambda f: (f.unlink(), f.symlink_to(f.name)), ""),
-    "a pipe": ("metrics.csv", _pipe, "is no regular file"),
-    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is no regular file"),
+    "a pipe": ("metrics.csv", _pipe, "is not a regular file"),
+    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is not a regular file"),
     "no file": ("config.yaml", Path.unlink, "is not there"),
     "no text": (
         "metrics.csv",
         _text(b"filter,metric,component,unit,value,ci_low,ci_high,n\n\xff\0"),
-        "is no table that a run writes",
+        "is not a table of a run",
     ),
     "words for numbers": (
         "metrics.csv",
@@ -255,16 +255,20 @@ HOSTILE = {
         "is no",
     ),
     "a column less": ("metrics.csv", _text("filter,metric\nekf,rmse\n"), "has no column component"),
-    "no line": ("metrics.csv", _text("filter,metric,component,unit,value,ci_low,ci_high,n\n"), "holds no line"),
+    "no line": ("metrics.csv", _text("filter,metric,component,unit,value,ci_low,ci_high,n\n"), "contains no line"),
     "half a record": ("run.json", _text('{"names": '), "cannot be read as JSON"),
     "a deep record": ("run.json", _text("[" * 100_000), "cannot be read as JSON"),
-    "a list": ("run.json", _text("[]"), "is not what a run writes"),
-    "no names": ("run.json", _text("{}"), "does not say what its scenario"),
-    "a name that is a path": ("run.json", lambda f: edit(f, names={"scenario": "../../x", "filter": "ekf"}), "no name"),
+    "a list": ("run.json", _text("[]"), "was not written by a run"),
+    "no names": ("run.json", _text("{}"), "lacks the names of scenario"),
+    "a name that is a path": (
+        "run.json",
+        lambda f: edit(f, names={"scenario": "../../x", "filter": "ekf"}),
+        "is not the name",
+    ),
     "an object of Python": ("config.yaml", _text(f"scenario: {PYTHON}\n"), "cannot be read as plain YAML"),
     "an alias": ("config.yaml", _text("a: &a [1]\nb: [*a, *a]\n"), "cannot be read as plain YAML"),
     "a deep configuration": ("config.yaml", _text("[" * 5000), "cannot be read as plain YAML"),
-    "a large configuration": ("config.yaml", _text("a: 1\n" + "#" * 2**19), "larger than what a run writes"),
+    "a large configuration": ("config.yaml", _text("a: 1\n" + "#" * 2**19), "larger than any file of a run"),
     "no configuration": ("config.yaml", _text("3\n"), "is not a run's configuration"),
 }
 

@@ -100,7 +100,7 @@ def test_simulate_replaces_no_file_and_leaves_nothing_half_done(capsys):
     made = simulate("landmark")
     before = {path.name: path.read_bytes() for path in made.iterdir()}
     assert main(["simulate", "scenario=landmark", "data.path=made", "seed=2"]) == 2
-    assert "made/Odometry.dat: is there already" in capsys.readouterr().err
+    assert "made/Odometry.dat: already exists" in capsys.readouterr().err
     assert before == {path.name: path.read_bytes() for path in made.iterdir()}
 
 

@@ -138,7 +138,7 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
         f"{own}: denied; the run is incomplete, check its permissions"
     )
     assert said(OSError(errno.ENOSPC, "no space", own)) == (
-        f"{own}: no space; the run is incomplete, make room or set output to another disk"
+        f"{own}: no space; the run is incomplete, free some space, or set output to another disk"
     )
     # Every file of a run is named, so this is another: shared memory, or a plugin's own.
     assert said(OSError(errno.ENOSPC, "no space")) == f"no space; the traceback is in {log}"

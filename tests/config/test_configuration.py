@@ -94,7 +94,7 @@ def test_every_experiment_says_what_it_finds(experiment):
             "noise.truth.measurement_scale must be > 0 and between 1e-50 and 1e50, got -1",
         ),
         ("scenario.truth=modle", "did you mean model?"),
-        ("data=files", "data.path must be given"),
+        ("data=files", "data.path is required"),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key(override, message):

@@ -165,7 +165,7 @@ def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, mon
     monkeypatch.setattr(Sonar, "pictures", broken)
     monkeypatch.setattr(Sonar, "draw", broken)
     attempts = sonar.written(tmp_path, plots=True)
-    assert set(attempts.missing) == {"the problem's own pictures", "what the problem adds to pictures"}
+    assert set(attempts.missing) == {"the problem's own pictures", "the problem's additions to pictures"}
     assert (tmp_path / "plots/trajectory.png").exists()
 
 

@@ -53,6 +53,39 @@ def test_vectors_of_any_width_and_runs_of_any_number_give_the_same_bits(words):
         np.testing.assert_array_equal(found.notes["gated"], expected.notes["gated"][:, runs])
 
 
+@pytest.mark.parametrize(
+    "words", [("scenario=landmark", "filter=ekf"), ("scenario=field", "filter=srukf")], ids=" ".join
+)
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+def test_what_goes_past_the_caches_is_what_goes_through_them(monkeypatch, words, lanes):
+    loop, record = set_up(24, *words)
+    expected = estimated(loop(lanes), record)
+    monkeypatch.setattr("estlab.filters.given._BEYOND_CACHES", 0)
+    streamed = loop(lanes)
+    found = estimated(streamed, record)
+    (program,) = streamed._programs.values()
+    assert "nontemporal !0" in program.text
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    # Rows of other lengths do not begin with a line of the caches.
+    estimated(odd := loop(2), only(record, 3))
+    assert all(not shape.streamed for shape, _ in odd._programs)
+
+
+def test_arrays_of_any_strides_give_the_same_bits():
+    loop, record = set_up(6, "scenario=landmark", "filter=ekf")
+    expected = estimated(loop(2), record)
+    readings = record.readings
+    wide = np.repeat(readings.values, 2, axis=1)[:, : readings.step.size]
+    wide[...] = readings.values
+    turned = np.asfortranarray(readings.values)
+    control = np.concatenate([record.control, record.control], axis=1)[:, : record.time.size]
+    for values in (wide, turned):
+        found = estimated(loop(2), replace(record, control=control, readings=replace(readings, values=values)))
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
 def test_runs_that_are_left_to_numpy_leave_the_others_as_they_are():
     loop, record = set_up(6, "scenario=field", "filter=ukf")
     expected = estimated(loop(2), record)
