@@ -61,9 +61,9 @@ def plugin_fault(error: BaseException, plugins: Sequence[str]) -> str:
     theirs = [frame for frame in frames(error) if frame.module.partition(".")[0] in plugins]
     if not theirs:
         return ""
-    said = " ".join(str(error).split())
+    message = " ".join(str(error).split())
     where = f"{theirs[-1].module}.{theirs[-1].function}, line {theirs[-1].line}"
-    return f"{where}, raised {type(error).__name__}" + (f": {said}" if said else "")
+    return f"{where}, raised {type(error).__name__}" + (f": {message}" if message else "")
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from estlab.maths.space import Array
 from estlab.maths.streams import Streams
 from estlab.maths.uniform import Uniform
 
+SMOOTHED = "_smoothed"  # ends the name of a filter's smoothed estimates
+
 
 @renamed(target="landmark_number")
 @dataclass(frozen=True)

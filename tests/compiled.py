@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from estlab.experiment.monte_carlo import Names, loop_of, record_of
+from estlab.config.settings import Names
+from estlab.experiment.monte_carlo import loop_of, record_of
 from estlab.maths.streams import Streams
 from tests.conftest import settings
 
 
 def by_both(*words, change=lambda record: record):
     """Estimates of the NumPy and of the compiled loop for what these words compose, the record changed first."""
-    wanted = settings(*words)
-    record = change(record_of(wanted, Names("test", "test"), wanted.run_numbers))
+    wanted = settings(*words, names=Names("test", "test"))
+    record = change(record_of(wanted, wanted.run_numbers))
     loops = [
         loop_of(replace(wanted, engine=engine), wanted.filter, record.landmarks) for engine in ("numpy", "compiled")
     ]

@@ -10,8 +10,9 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from estlab.config.build import Settings, build
+from estlab.config.build import build
 from estlab.config.locations import conf_folder
+from estlab.config.settings import Names, Settings
 from estlab.filters.loop import Loop
 from estlab.launch import resolvers
 from estlab.maths.streams import Streams
@@ -41,9 +42,10 @@ def _composed(*overrides: str) -> bytes:
         return pickle.dumps(OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True))
 
 
-def settings(*overrides: str) -> Settings:
-    """The same as objects."""
-    return build(composed(*overrides))
+def settings(*overrides: str, names: Names | None = None) -> Settings:
+    """The same as objects. names: by default those of the scenario and the filter that are chosen."""
+    chosen = {"scenario": "car", "filter": "ukf"} | dict(word.split("=", 1) for word in overrides if "=" in word)
+    return build(composed(*overrides), names or Names(chosen["scenario"], chosen["filter"]))
 
 
 def options(group: str) -> list[str]:

@@ -10,9 +10,10 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from benchmarks.speed import reference
-from estlab.config.build import Settings, build
+from estlab.config.build import build
 from estlab.config.locations import conf_folder
-from estlab.experiment.monte_carlo import Names, loop_of, record_of
+from estlab.config.settings import Names, Settings
+from estlab.experiment.monte_carlo import loop_of, record_of
 from estlab.filters.loop import Loop
 from estlab.launch import resolvers
 from estlab.maths.streams import Streams
@@ -26,7 +27,7 @@ def settings_of(*words: str) -> Settings:
     """The settings that these words of a command line compose."""
     resolvers.register()
     with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        return build(OmegaConf.to_container(compose("config", overrides=list(words)), resolve=True))
+        return build(OmegaConf.to_container(compose("config", overrides=list(words)), resolve=True), NAMES)
 
 
 class Case:
@@ -38,7 +39,7 @@ class Case:
     @cached_property
     def record(self) -> Record:
         """Truth and readings of all runs."""
-        return record_of(self.settings, NAMES, self.settings.run_numbers)
+        return record_of(self.settings, self.settings.run_numbers)
 
     @cached_property
     def loop(self) -> Loop:
@@ -85,7 +86,7 @@ class OneReading(Case):
 
     @cached_property
     def record(self) -> Record:
-        whole = record_of(self.settings, NAMES, self.settings.run_numbers)
+        whole = record_of(self.settings, self.settings.run_numbers)
         steps, marks = whole.time.size, whole.landmarks.shape[1]
         taken = np.arange(steps) * marks + np.arange(steps) % marks
         readings = whole.readings

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
 
-from benchmarks.speed.cases import NAMES, PLAIN, Case
+from benchmarks.speed.cases import PLAIN, Case
 from benchmarks.speed.turns import Row, faster, row
 from estlab.experiment.blocks import block
 from estlab.experiment.monte_carlo import block_of, record_of
@@ -41,7 +41,7 @@ def rows() -> Iterator[Row]:
     yield faster(f"{work}, both cores", both_cores(loop), PLAIN, CAR.plain_car(200), 1.0 / RUNS, 550.0)
     yield faster(f"{work}, both cores", both_cores(loop), "one core", one_core(loop), 1.0, 1.8)
     yield faster(f"four times {work}, both cores", both_cores(loop, 4), "one core", one_core(loop, 4), 1.0, 1.8)
-    whole = partial(block_of, AS_USUAL.settings, NAMES, None)
+    whole = partial(block_of, AS_USUAL.settings, None)
     simulated = f"car UKF, {RUNS} runs, simulated, filtered and scored"
     yield faster(f"{simulated}, both cores", both_cores(whole), "one core", one_core(whole), 1.0, 1.6)
     yield from memory()
@@ -50,7 +50,7 @@ def rows() -> Iterator[Row]:
 @cache
 def prepared(number: int) -> Record:
     """Truth and readings of a block."""
-    return record_of(CAR.settings, NAMES, block(CAR.settings, number))
+    return record_of(CAR.settings, block(CAR.settings, number))
 
 
 def loop(number: int, on_step: OnStep) -> None:

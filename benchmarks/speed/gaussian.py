@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.speed.cases import NAMES, PLAIN, Case, OneReading
+from benchmarks.speed.cases import PLAIN, Case, OneReading
 from benchmarks.speed.reference import unscented_by_matrices
 from benchmarks.speed.turns import REPEATS, Row, faster, row, seconds
 from estlab.experiment import experiment
@@ -53,10 +53,10 @@ def recording(engine: str) -> Row:
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-            experiment.run(case.settings, NAMES, RunDirectory(Path(folder) / "run"), [])
+            experiment.run(case.settings, RunDirectory(Path(folder) / "run"), [])
 
     def read() -> None:
-        record_of(case.settings, NAMES, range(1))
+        record_of(case.settings, range(1))
 
     run()
     pairs = [(seconds(run) - seconds(read), _MOST * events) for _ in range(REPEATS)]

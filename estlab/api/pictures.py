@@ -8,7 +8,7 @@ import numpy as np
 from estlab.api.run_sources import Source
 from estlab.config.build import nearest
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import history_of
+from estlab.experiment.histories import history_of
 from estlab.report import plots
 from estlab.report.figures import png
 
@@ -44,7 +44,7 @@ def _made(make: plots.Make) -> "Figure | None":
 def _makers(source: Source) -> dict[str, plots.Make]:
     """What draws each picture that a run may have, by its name."""
     data = source.plot_data()
-    histories = {name: history_of(data.arrays, name, len(data.filters)) for name in data.filters}
+    histories = {name: history_of(data.arrays, name, data.filters) for name in data.filters}
     own = source.settings.scenario.pictures(histories)
     makers: dict[str, plots.Make] = {**plots.pictures(data), **{name: partial(_same, own[name]) for name in own}}
     return {name.removesuffix(".png"): make for name, make in makers.items()}

@@ -10,12 +10,14 @@ import numpy as np
 
 from estlab import rundir
 from estlab.api import tables
-from estlab.config.build import Settings, build
+from estlab.config.build import build
 from estlab.config.earlier import completed
+from estlab.config.settings import Settings
 from estlab.errors import UserError, printable
-from estlab.experiment.monte_carlo import SMOOTHED, history_of
+from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
 from estlab.maths.space import Array, Space
+from estlab.record import SMOOTHED
 from estlab.report.plots import PlotData
 from estlab.rundir import finished
 
@@ -85,7 +87,7 @@ class Computed:
 
     @property
     def scenario(self) -> str:
-        return self.result.names.scenario
+        return self.result.settings.names.scenario
 
     @property
     def filters(self) -> tuple[str, ...]:
@@ -187,7 +189,7 @@ class Stored:
         scenario, arrays = self.settings.scenario, self.arrays()
 
         def draw(axes: "Axes", name: str, place: int) -> None:
-            scenario.draw(axes, history_of(arrays, name, len(self.filters), place))
+            scenario.draw(axes, history_of(arrays, name, self.filters, place))
 
         return PlotData(
             tables=self._drawn_tables(),

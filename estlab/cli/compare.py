@@ -146,7 +146,7 @@ def _print(grid: "Grid", options: CompareOptions) -> None:
 def _plot(file: Path, rows: "Sequence[ComparisonRow]", components: Sequence[str]) -> None:
     """Draw the overlay of the rows whose tables can be read."""
     from estlab.datasets.whole import write_whole
-    from estlab.report import overlay
+    from estlab.report import overlay, palette
     from estlab.report.figures import boxes_for_letters
 
     curves, unread = overlay.curves_of(rows)
@@ -155,9 +155,9 @@ def _plot(file: Path, rows: "Sequence[ComparisonRow]", components: Sequence[str]
     if not curves:
         complain(f"{file}: nothing to draw, because no run has two steps or more")
         return
-    if len(curves) > overlay.MOST:
-        complain(f"{file}: shows the first {overlay.MOST} of {len(curves)} rows, because more could not be told apart")
-    figure = overlay.draw(curves[: overlay.MOST], components)
+    if len(curves) > palette.MOST:
+        complain(f"{file}: shows the first {palette.MOST} of {len(curves)} rows, because more could not be told apart")
+    figure = overlay.draw(curves[: palette.MOST], components)
     with boxes_for_letters():
         write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))
     print(printable(str(file)), file=sys.stderr)

@@ -16,7 +16,8 @@ from estlab.cli.stdio import StandardStreams
 from estlab.config.locations import options
 from estlab.errors import NO_MEMORY, UserError, is_lack_of_memory, printable
 from estlab.launch.arguments import CONFIG_DIR
-from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, launch, run_job, simulate_job
+from estlab.launch.commands import run_job, simulate_job
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, launch
 from estlab.parallel.cores import enough_memory, one_thread_each
 from estlab.parallel.signals import interruptible
 from estlab.rundir.python_warnings import in_a_line

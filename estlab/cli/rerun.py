@@ -7,23 +7,21 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estlab.cli.parser import Parser
 from estlab.config.earlier import completed
 from estlab.errors import UserError
-from estlab.launch.launcher import FAILED, OK, complain, concluded
+from estlab.launch.launcher import FAILED, OK, complain
 from estlab.launch.path_arguments import PATHS, home
 from estlab.launch.quoting import unquoted
 
 if TYPE_CHECKING:
     from estlab.comparison.reproducibility import Deviation
-    from estlab.config.build import Settings
-    from estlab.experiment.monte_carlo import Names
+    from estlab.config.settings import Settings
+    from estlab.launch.execute import Request
     from estlab.report.grids import Grid
-    from estlab.rundir import RunDirectory
     from estlab.rundir.finished import Finished
 
 _KEYS = ("plugins", "data.path", "cores", "output", "hydra.run.dir")
@@ -69,23 +67,28 @@ def rerun(arguments: Sequence[str]) -> int:
     """Run again and compare. Returns the exit code."""
     wanted = _read(arguments)
     from estlab import rundir
+    from estlab.comparison import reproducibility
+    from estlab.launch.execute import execute
     from estlab.rundir import finished
 
     before = finished.read(_itself(wanted.folder))
     config, added = completed(_config(before, wanted), before.scenario, before.filter)
-    settings, names = _settings(before, config, wanted)
+    request = _request(before, config, arguments)
+    settings = _settings(before, request, wanted)
     if added:
         complain(
-            f"note: {before.path} was made by an earlier estlab; these keys take their default values:  "
+            f"note: {before.path} was made by an earlier estlab; these keys take their default values: "
             f"{', '.join(added)}"
         )
-    typed = finished.text(before.path, rundir.OVERRIDES)
     if why := finished.unfinished(before.status):
         complain(f"note: there will be nothing to compare with: {before.path} has no complete result ({why})")
-    directory = rundir.RunDirectory(_place(wanted, before))
-    origin = str(before.path.resolve())
-    work = partial(_work, directory, before, origin, config, typed, settings, names, list(arguments))
-    code = concluded(directory, work, settings.report)
+    directory = rundir.RunDirectory(_place(wanted, before), rerun_of=str(before.path.resolve()))
+    directory.link_latest(Path(settings.output))
+
+    def describe_changes(findings: object) -> None:
+        directory.describe(changed=reproducibility.changes(before.facts, directory.facts()))
+
+    code = execute(request, directory, settings, describe_changes)
     if finished.unfinished(finished.status(directory.path)):
         return code
     return FAILED if why else _compare(before, finished.read(directory.path))
@@ -167,25 +170,37 @@ def _data_path(before: "Finished", was: str, typed: str | None) -> str:
     return str(path)
 
 
-def _settings(before: "Finished", config: Mapping[str, Any], wanted: Rerun) -> "tuple[Settings, Names]":
-    """The configuration as objects, limited to estlab's own classes and the plugins that were typed."""
-    from estlab import rundir
-    from estlab.config.build import build
-    from estlab.experiment.compatibility import check
-    from estlab.experiment.monte_carlo import Names
+def _request(before: "Finished", config: dict[str, Any], arguments: Sequence[str]) -> "Request":
+    """The run of before with this configuration."""
+    import yaml
 
-    names = Names(before.scenario, before.filter, before.changes)
+    from estlab import rundir
+    from estlab.config.settings import Names
+    from estlab.launch.execute import Request
+    from estlab.rundir import finished
+
+    return Request(
+        plain=config,
+        names=Names(before.scenario, before.filter, before.changes),
+        config=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
+        overrides=finished.text(before.path, rundir.OVERRIDES),
+        command=["estlab", "rerun", *arguments],
+    )
+
+
+def _settings(before: "Finished", request: "Request", wanted: Rerun) -> "Settings":
+    """Its configuration as objects, held to estlab's own classes and the plugins that were typed."""
+    from estlab import rundir
+
     if wanted.plugins:
         sys.path.insert(0, str(Path.cwd()))
     try:
-        settings = build(config)
-        check(settings, names)
+        return request.settings()
     except UserError as error:
         theirs = before.config.get("plugins")
         hint = f" (its own plugins, {theirs}, are ignored: type those that you trust)" if theirs else ""
         where = "" if str(error).startswith("plugins: ") else f"{before.path / rundir.CONFIG}: "  # those are typed
         raise UserError(f"{where}{error}{hint}") from error
-    return settings, names
 
 
 def _place(wanted: Rerun, before: "Finished") -> Path:
@@ -194,33 +209,6 @@ def _place(wanted: Rerun, before: "Finished") -> Path:
     stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}"
     name = f"{before.scenario}_{'-'.join(before.filters)}".replace("/", "-")
     return Path(wanted.output) / f"{stamp}_{name[:100]}"
-
-
-def _work(
-    directory: "RunDirectory",
-    before: "Finished",
-    origin: str,
-    config: dict[str, Any],
-    typed: str,
-    settings: "Settings",
-    names: "Names",
-    arguments: list[str],
-) -> str:
-    """Run; returns the expectations that were not met."""
-    import yaml
-
-    from estlab import rundir
-    from estlab.comparison import reproducibility
-    from estlab.config import expectations
-    from estlab.experiment import experiment
-
-    directory.describe(rerun_of=origin)
-    directory.write_text(rundir.CONFIG, yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
-    directory.write_text(rundir.OVERRIDES, typed)
-    directory.link_latest(Path(settings.output))
-    findings = experiment.run(settings, names, directory, ["estlab", "rerun", *arguments])
-    directory.describe(changed=reproducibility.changes(before.facts, directory.facts()))
-    return expectations.unmet(findings)
 
 
 def _compare(before: "Finished", now: "Finished") -> int:

@@ -14,8 +14,9 @@ from estlab.config.locations import conf_folder
 from estlab.errors import UserError
 from estlab.launch import yaml_bounds
 from estlab.launch.arguments import CONFIG_DIR
+from estlab.launch.commands import run_job
 from estlab.launch.given_keys import other_data
-from estlab.launch.launcher import FAILED, OK, USAGE, complain, launch, remove_if_ours, run_job
+from estlab.launch.launcher import FAILED, OK, USAGE, complain, launch, remove_if_ours
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig

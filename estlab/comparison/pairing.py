@@ -112,7 +112,7 @@ def _pair(
     met_the_same = np.allclose(marks, theirs[[*_MARKS]].to_numpy(dtype=float), rtol=_SAME, atol=0.0)
     if not met_the_same or _data(row) != _data(against):
         differs = what_differs(row, against) or [f"configurations agree, {_versions(row)} and {_versions(against)}"]
-        return Pair(f"truth or readings differ:  {', '.join(differs)}", {})
+        return Pair(f"truth or readings differ: {', '.join(differs)}", {})
     shared = {
         name: row.metrics["rmse", name].unit
         for name in components

@@ -6,25 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, RECORD, without
 from estlab.errors import UserError
 from estlab.metrics.intervals import Estimate
 from estlab.metrics.vocabulary import Metric
+from estlab.record import SMOOTHED
 from estlab.rundir.finished import Finished, table
 
-# Keys that change no figure, and those that a row shows elsewhere.
-_NO_MATTER = (
-    "output",
-    "plots",
-    "report",
-    "plugins",
-    "expect",
-    "keep_runs",
-    "block_runs",
-    "cores",
-    "filters",
-    "filter",
-    "sweep",
-)
+_OF_FILTERS = ("filter", "filters")  # which stand in a row otherwise
 _SHOWN, _LONGEST = 4, 32
 
 
@@ -109,8 +98,8 @@ def _settings(run: Finished, filter: str) -> dict[str, Any]:
     several = config.get("filters")
     of_filter = config.get("filter")
     if isinstance(several, Mapping):
-        of_filter = several.get(filter, several.get(filter.removesuffix("_smoothed"), of_filter))
-    kept = {key: value for key, value in config.items() if key not in _NO_MATTER}
+        of_filter = several.get(filter, several.get(filter.removesuffix(SMOOTHED), of_filter))
+    kept = {key: value for key, value in without(config, NEITHER, RECORD).items() if key not in _OF_FILTERS}
     return dict(flat(kept)) | dict(flat({"filter": of_filter}))
 
 

@@ -23,7 +23,6 @@ from estlab.maths.space import Array
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _WORD, _STATE = 1 << 64, 1 << 128
 _TAIL = 3.6541528853610088  # where the lowest layer's tail begins
-_TOGETHER = 4  # outputs found side by side, since one found after the other waits for a product of 128 bits
 
 
 def states(generators: list[np.random.Generator]) -> Array:
@@ -226,54 +225,35 @@ def _exact() -> list[str]:
 
 
 def _normals() -> list[str]:
-    """Several outputs at once while all lie in their cores and as many are wanted; else one after another."""
-    power, total = 1, 0
-    ahead, several = [], []
-    for k in range(1, _TOGETHER + 1):  # the state after k steps: power * state + total * increment
-        power, total = power * MULTIPLIER % _STATE, (total * MULTIPLIER + 1) % _STATE
-        ahead.append(f"%c{k} = mul i128 %increment, {total}")
-        several += [f"%p{k} = mul i128 %before, {power}", f"%s{k} = add i128 %p{k}, %c{k}"]
-        several += [*_output(f"o{k}", f"%s{k}"), *_candidate(f"x{k}", f"%o{k}")]
-    all_in = ["%in1 = and i1 %x1_in, %x1_in"]
-    all_in += [f"%in{k} = and i1 %in{k - 1}, %x{k}_in" for k in range(2, _TOGETHER + 1)]
-    stores = []
-    for k in range(1, _TOGETHER + 1):
-        stores += [f"%at{k} = getelementptr double, ptr %place, i64 {k - 1}",
-                   f"store double %x{k}, ptr %at{k}, align 8"]  # fmt: skip
+    """Those that lie in the cores of their layers here, the state in registers; the rest by @normal."""
     return [
         "define internal void @normals(ptr %state, ptr %out, i64 %count, ptr %layers) #0 {",
         "entry:",
         "%first = load i128, ptr %state, align 8",
         "%by = getelementptr i64, ptr %state, i64 2",
         "%increment = load i128, ptr %by, align 8",
-        *ahead,
-        f"%enough = sub i64 %count, {_TOGETHER}",
         "br label %head",
         "head:",
-        "%i = phi i64 [0, %entry], [%further, %cores], [%single, %alone]",
-        f"%before = phi i128 [%first, %entry], [%s{_TOGETHER}, %cores], [%after, %alone]",
-        "%place = getelementptr double, ptr %out, i64 %i",
-        "%fits = icmp sle i64 %i, %enough",
-        "br i1 %fits, label %try, label %rest",
-        "try:",
-        *several,
-        *all_in,
-        f"br i1 %in{_TOGETHER}, label %cores, label %one",
-        "cores:",
-        *stores,
-        f"%further = add i64 %i, {_TOGETHER}",
-        "br label %head",
-        "rest:",
+        "%i = phi i64 [0, %entry], [%next_i, %core], [%next_i, %outside]",
+        "%before = phi i128 [%first, %entry], [%after, %core], [%later, %outside]",
         "%more = icmp slt i64 %i, %count",
-        "br i1 %more, label %one, label %done",
-        "one:",
+        "br i1 %more, label %draw, label %done",
+        "draw:",
+        "%next_i = add i64 %i, 1",
+        "%place = getelementptr double, ptr %out, i64 %i",
+        f"%product = mul i128 %before, {MULTIPLIER}",
+        "%after = add i128 %product, %increment",
+        *_output("o", "%after"),
+        *_candidate("x", "%o"),
+        "br i1 %x_in, label %core, label %outside",
+        "core:",
+        "store double %x, ptr %place, align 8",
+        "br label %head",
+        "outside:",
         "store i128 %before, ptr %state, align 8",
         "%number = call double @normal(ptr %state, ptr %layers)",
-        "br label %alone",
-        "alone:",
         "store double %number, ptr %place, align 8",
-        "%after = load i128, ptr %state, align 8",
-        "%single = add i64 %i, 1",
+        "%later = load i128, ptr %state, align 8",
         "br label %head",
         "done:",
         "store i128 %before, ptr %state, align 8",

@@ -12,83 +12,31 @@ import math
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import is_dataclass
 from typing import Any, Literal, Union
 
-from estlab.config.groups import Data, Noise, SweepSettings
+from estlab.config.groups import SweepSettings
+from estlab.config.settings import Configuration, Names, Settings, settings_of
 from estlab.config.targets import check_targets, resolved
 from estlab.errors import PluginError, UserError, plugin_fault
 from estlab.filters.filter import AnyFilter, Filter
-from estlab.metrics.objective import Objective
-from estlab.metrics.verdict import Tolerance
-from estlab.scenarios.scenario import Scenario
 
 Node = Mapping[str, Any]
 
-
-@dataclass(frozen=True)
-class Settings:
-    """A run's whole configuration, as objects."""
-
-    scenario: Scenario
-    filter: AnyFilter
-    filters: dict[str, AnyFilter]
-    noise: Noise
-    data: Data
-    runs: int
-    run_index: int | None
-    part: list[int] | None
-    parts: list[str]
-    steps: int | None
-    dropped: float
-    seed: int
-    keep_runs: int
-    block_runs: int | None
-    cores: int | None
-    engine: Literal["auto", "numpy", "compiled"]
-    smooth: bool
-    verdict: Tolerance
-    plots: bool
-    report: bool
-    output: str
-    plugins: list[str]
-    expect: Any  # a nested mapping of names, which estlab.config.expectations knows how to read, or nothing
-    expect_files: Any  # the same by the SHA-256 of a file that was read
-    objective: str
-    sweep: SweepSettings
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.dropped <= 1.0:
-            raise ValueError(f"dropped must be a share from 0 to 1, got {self.dropped:g}")
-        for name in ("runs", "steps", "keep_runs", "block_runs"):
-            value = getattr(self, name)
-            if value is not None and not 1 <= value <= 1_000_000_000:
-                raise ValueError(f"{name} must be from 1 to 1e9, got {value}")
-        if self.cores is not None and self.cores < 1:
-            raise ValueError(f"cores must be >= 1, got {self.cores}")
-        for name in ("seed", "run_index"):
-            value = getattr(self, name)
-            if value is not None and value < 0:
-                raise ValueError(f"{name} must be >= 0, got {value}")
-
-        Objective.parse(self.objective)
-        if self.part is not None and not (len(self.part) == 2 and 0 <= self.part[0] < self.part[1]):
-            raise ValueError(f"part must be [which, of how many], counting from 0, got {self.part}")
-
-    @property
-    def run_numbers(self) -> range:
-        """The numbers of the runs: from 0 on, or the one that is asked for alone."""
-        return range(self.runs) if self.run_index is None else range(self.run_index, self.run_index + 1)
+_UNNAMED = Names("unnamed", "unnamed")
 
 
-def build(config: Node) -> Settings:
+def build(config: Node, names: Names = _UNNAMED) -> Settings:
     """The settings that a resolved configuration describes.
+
+    names: what its scenario and its filter are called, on which random numbers hang.
 
     Raises UserError, naming the key, the value and the remedy, for the first thing that is wrong.
     """
     allowed = ("estlab", *_plugins(config.get("plugins")))
     check_targets(config, "", allowed)
-    return typing.cast(Settings, _Builder(config, allowed).construct(Settings, config, ""))
+    made = typing.cast(Configuration, _Builder(config, allowed).construct(Configuration, config, ""))
+    return settings_of(made, names)
 
 
 def sweep_settings(config: Node) -> SweepSettings:

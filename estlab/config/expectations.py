@@ -147,13 +147,13 @@ def unmet(findings: Sequence[Finding]) -> str:
     if not failed:
         return ""
     several = len({finding.filter for finding in findings}) > 1
-    said = []
+    lines = []
     for finding in failed[:3]:
         found = finding.found if finding.found.startswith("not found") else f"found {finding.found}"
         whose = f" of {finding.filter}" if several and finding.filter else ""
-        said.append(f"{finding.what}{whose} expected {finding.expected}, {found}")
-    said += [f"and {len(failed) - 3} more"] * (len(failed) > 3)
-    return f"{len(failed)} of {_counted(len(findings))} not met: {'; '.join(said)}"
+        lines.append(f"{finding.what}{whose} expected {finding.expected}, {found}")
+    lines += [f"and {len(failed) - 3} more"] * (len(failed) > 3)
+    return f"{len(failed)} of {_counted(len(findings))} not met: {'; '.join(lines)}"
 
 
 def columns(findings: Sequence[Finding]) -> dict[str, list[Any]]:
@@ -248,8 +248,8 @@ def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[_Row]
     what, allowed = expectation.what, expectation.allowed
     found = {row["component"]: row for row in rows[name] if row["metric"] == expectation.metric}
     if isinstance(allowed, Words) and found:
-        said = " and ".join(found)
-        return Finding(name, what, str(allowed), said, set(found) <= set(allowed.allowed), said)
+        joined = " and ".join(found)
+        return Finding(name, what, str(allowed), joined, set(found) <= set(allowed.allowed), joined)
     row = found.get(expectation.component or (_ALL if _ALL in found or len(found) != 1 else next(iter(found))))
     if row is None and expectation.metric in _COUNTED and expectation.component in (None, _ALL):
         row = {"value": 0, "ci_low": math.nan, "ci_high": math.nan}

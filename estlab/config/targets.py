@@ -50,8 +50,8 @@ def _imported(name: str, path: str, allowed: tuple[str, ...]) -> Any:
     except (Exception, SystemExit) as error:
         if fault := plugin_fault(error, allowed[1:]):
             raise PluginError(fault) from error
-        said = " ".join(str(error).split())
-        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {said}") from error
+        message = " ".join(str(error).split())
+        raise UserError(f"{path}: importing {module} ended with {type(error).__name__}: {message}") from error
 
 
 def resolved(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:

@@ -1,6 +1,6 @@
 """Divides the runs of an ensemble into blocks: by the configuration alone, so the same on every machine."""
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 
 # Measured for filters of one point to 25: 500 runs fill the second-level cache; with fewer than 100, calls of NumPy
 # cost more than their arithmetic. A particle filter's run counts as many points as it has particles.
@@ -31,7 +31,7 @@ def _sizes(settings: Settings) -> tuple[int, int]:
 def _even(settings: Settings) -> int:
     """The runs of a block if blocks have equal size and an even number, so that two cores end together."""
     runs = len(settings.run_numbers)
-    points = max(filter.traits.points for filter in (settings.filters or {"": settings.filter}).values())
+    points = max(filter.traits.points for filter in settings.filters.values())
     most, least = (max(2, min(limit)) for limit in ((_MOST, _MOST_POINTS // points), (_LEAST, _LEAST_POINTS // points)))
     count = -(-runs // most)
     count = max(1, min(count + count % 2, runs // least))

@@ -3,17 +3,18 @@
 import numpy as np
 
 from estlab.config import expectations
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import SMOOTHED, Names, filters_of, loop_of
+from estlab.experiment.monte_carlo import loop_of
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.parallel import cores
+from estlab.record import SMOOTHED
 
 _CROWDED = 4  # processes per core that may be requested
 
 
 @plugins_named
-def check(settings: Settings, names: Names) -> None:
+def check(settings: Settings) -> None:
     """Raise UserError if the parts do not fit together, before anything is made."""
     data = settings.data
     if data.source == "simulated" and (data.path is not None or data.prefix):
@@ -28,8 +29,8 @@ def check(settings: Settings, names: Names) -> None:
             f"cores={settings.cores} is far more than the {cores.usable()} that this process may use, and "
             "each is a process with its own memory; leave it out to use all"
         )
-    for name, filter in filters_of(settings, names).items():
-        key = f"filters.{name}" if settings.filters else "filter"
+    for name, filter in settings.filters.items():
+        key = settings.filter_key(name)
         loop = loop_of(settings, filter, np.empty((0, 1)))
         try:
             loop.check()
@@ -49,7 +50,7 @@ def check(settings: Settings, names: Names) -> None:
             except ValueError as error:
                 raise UserError(f"smooth=true with {name}: {error}") from error
     endings = ("", SMOOTHED) if settings.smooth else ("",)
-    estimates = [name + end for name in filters_of(settings, names) for end in endings]
+    estimates = [name + end for name in settings.filters for end in endings]
     expectations.parse(settings.expect, estimates)
     expectations.parse_sets(settings.expect_files, estimates)
 

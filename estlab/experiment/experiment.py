@@ -5,12 +5,11 @@ from functools import partial
 from pathlib import Path
 
 from estlab import rundir
-from estlab.config.build import Settings
 from estlab.config.expectations import Finding
+from estlab.config.settings import Settings
 from estlab.errors import IncompleteError
 from estlab.experiment import parts
 from estlab.experiment.compute import compute, compute_part
-from estlab.experiment.monte_carlo import Names, filters_of
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.write import write
@@ -20,7 +19,7 @@ from estlab.rundir import RunDirectory
 
 
 @plugins_named
-def run(settings: Settings, names: Names, directory: RunDirectory, command: list[str]) -> list[Finding]:
+def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list[Finding]:
     """Compute, write every file of the directory except its configuration and status, and print the summary.
 
     Returns the findings about expectations. A statistic, table or picture that cannot be made is missing, with a
@@ -29,7 +28,7 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     Raises UserError for invalid data, OSError for a disk that cannot be written, IncompleteError if metrics.csv,
     estimates.npz or a filter's errors are missing; everything else is kept.
     """
-    filters, runs = filters_of(settings, names), settings.run_numbers
+    names, filters, runs = settings.names, settings.filters, settings.run_numbers
     directory.describe(
         names=asdict(names), scenario=names.scenario, filters=list(filters), command=command, seed=settings.seed,
         runs=len(runs), first_run=runs[0],
@@ -37,14 +36,14 @@ def run(settings: Settings, names: Names, directory: RunDirectory, command: list
     directory.keep_sources(settings.plugins)
     progress = partial(console.progress, f"{names.scenario} {' '.join(filters)}")
     if settings.part is not None:
-        ensemble = compute_part(settings, names, directory.describe, progress)
+        ensemble = compute_part(settings, directory.describe, progress)
         directory.keep_sources(settings.plugins)
         if ensemble.failure:
             raise IncompleteError(f"this part of the ensemble has no sums ({ensemble.failure})")
         directory.describe(part=settings.part)
         directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
-    result = compute(settings, names, directory.describe, progress)
+    result = compute(settings, directory.describe, progress)
     directory.keep_sources(settings.plugins)  # modules that were imported on the way
     write(result, directory)
     _print(result, _short(directory.path))

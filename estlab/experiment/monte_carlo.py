@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block, block_count
 from estlab.filters.filter import AnyFilter
@@ -23,28 +23,13 @@ from estlab.metrics.pairwise import Pairwise
 from estlab.metrics.scores import Limits, quietly
 from estlab.metrics.tally import Tally
 from estlab.parallel.pool import OnStep, Workers
-from estlab.record import Estimates, Record
-from estlab.scenarios.scenario import History
+from estlab.record import SMOOTHED, Estimates, Record
 from estlab.validation import problem
 from estlab.validation.user_filter import try_filter
 
-SMOOTHED = "_smoothed"
 _CLOUDS = 100  # runs for which a sample of the cloud is kept at most, 40 kB each for a state of three numbers
 
 log = logging.getLogger("estlab")
-
-
-@dataclass(frozen=True)
-class Names:
-    """The user's choices, by the names that the user gave, and changes.
-
-    set_aside: whether expectations of the experiment were left out, because they belong to other data.
-    """
-
-    scenario: str
-    filter: str
-    changes: tuple[str, ...] = ()
-    set_aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,11 +102,6 @@ class Ensemble:
         return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
 
 
-def filters_of(settings: Settings, names: Names) -> dict[str, AnyFilter]:
-    """The filters by name."""
-    return settings.filters or {names.filter: settings.filter}
-
-
 def loop_of(settings: Settings, filter: AnyFilter, landmarks: Array) -> Loop:
     """A filter with the models that it assumes."""
     scenario, noise = settings.scenario, settings.noise.filter
@@ -140,10 +120,10 @@ def _kept_loop(settings: Settings, name: str, filter: AnyFilter, landmarks: Arra
     return known[2]
 
 
-def check_answers(settings: Settings, names: Names, first: Record) -> None:
+def check_answers(settings: Settings, first: Record) -> None:
     """Raise AnswerError that names function and field, for models or filters that cannot handle the first record."""
-    streams = Streams(settings.seed, names.scenario)
-    filters = filters_of(settings, names)
+    streams = Streams(settings.seed, settings.names.scenario)
+    filters = settings.filters
     models = problem.models_of(settings.scenario, settings.noise.filter, first.landmarks)
     problem.check(settings.scenario, *models, first, list(filters.values()))
     for name, filter in filters.items():
@@ -152,9 +132,9 @@ def check_answers(settings: Settings, names: Names, first: Record) -> None:
             try_filter(problem.name_of(filter), filter, *models, first, generators)
 
 
-def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
+def record_of(settings: Settings, runs: Sequence[int]) -> Record:
     """Truth and readings of the runs with these numbers. Raises AnswerError for an invalid record."""
-    streams = Streams(settings.seed, names.scenario)
+    streams = Streams(settings.seed, settings.names.scenario)
     scenario, data = settings.scenario, settings.data
     if data.source == "files":
         options = (data.options,) if scenario.file_names else ()
@@ -165,21 +145,22 @@ def record_of(settings: Settings, names: Names, runs: Sequence[int]) -> Record:
     if settings.dropped == 0.0:
         return record
     if record.readings.step.size == 0:
-        raise UserError(f"dropped={settings.dropped:g}: {names.scenario} has no readings to drop; leave it out")
+        raise UserError(
+            f"dropped={settings.dropped:g}: {settings.names.scenario} has no readings to drop; leave it out"
+        )
     return record.thinned(settings.dropped, streams, runs)
 
 
-def workers(settings: Settings, names: Names) -> Workers[Block]:
+def workers(settings: Settings) -> Workers[Block]:
     """Processes for the blocks of all runs, or of a part; none if parts are merged."""
     count = block_count(settings)
     which, parts = settings.part or (0, 1)
     blocks = range(which * count // parts, (which + 1) * count // parts)
-    return Workers(partial(block_of, settings, names, None), blocks[: 0 if settings.parts else None], settings.cores)
+    return Workers(partial(block_of, settings, None), blocks[: 0 if settings.parts else None], settings.cores)
 
 
 def estimated(
     settings: Settings,
-    names: Names,
     first: Record,
     workers: Workers[Block],
     progress: Callable[[int], Callable[[int], None]],
@@ -190,8 +171,8 @@ def estimated(
     first: the record of the ensemble's first block.
     """
     ensemble = Ensemble(first)
-    steps = progress(len(workers.tasks) * first.time.size * len(filters_of(settings, names)))
-    for number, found in workers.results(partial(block_of, settings, names, first), steps):
+    steps = progress(len(workers.tasks) * first.time.size * len(settings.filters))
+    for number, found in workers.results(partial(block_of, settings, first), steps):
         ensemble.add(number, found)
     taken = sum(1 << level for level, _ in ensemble.blocks.nodes)
     if taken != len(workers.tasks) and not ensemble.failure:
@@ -199,14 +180,14 @@ def estimated(
     return ensemble
 
 
-def block_of(settings: Settings, names: Names, first: Record | None, number: int, on_step: OnStep) -> Block:
+def block_of(settings: Settings, first: Record | None, number: int, on_step: OnStep) -> Block:
     """A block of runs through all filters. first: the record of the first block, if it already exists."""
     runs = block(settings, number)
-    record = first if first and number == 0 else record_of(settings, names, runs)
-    streams = Streams(settings.seed, names.scenario)
+    record = first if first and number == 0 else record_of(settings, runs)
+    streams = Streams(settings.seed, settings.names.scenario)
     found: dict[str, Estimates] = {}
     seconds: dict[str, float] = {}
-    for name, filter in filters_of(settings, names).items():
+    for name, filter in settings.filters.items():
         loop = _kept_loop(settings, name, filter, record.landmarks)
         generators = streams.generators(f"filter/{name}", runs if record.each_its_own else range(1))
         loop.prepare(record, generators)
@@ -239,49 +220,6 @@ def _totals(settings: Settings, record: Record, found: dict[str, Estimates], blo
     totals.comparison.add(squares)
     totals.each_run.add(record, squares, block, settings.run_numbers.start)
     return totals
-
-
-def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
-    """The arrays of estimates.npz: complete runs, from the first on, without readings that none of them has.
-
-    mean and cov for one filter, <filter>.mean and <filter>.cov for several; for a particle filter also a sample of
-    the cloud at some steps, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
-    """
-    readings, record = ensemble.record.readings, ensemble.record
-    count = next(iter(ensemble.kept.values()))["truth"].shape[2]
-    taken = np.isfinite(readings.values[:, :, :count]).any(axis=(0, 2))
-    arrays = {
-        "run": np.arange(first, first + count),
-        "time": record.time,
-        "truth": record.truth[:, :, :count],
-        "step": readings.step[taken],
-        "values": readings.values[:, taken, :count],
-        "target": readings.landmark_number[taken, :count],
-        "places": record.landmarks,
-    }
-    for name, kept in ensemble.kept.items():
-        prefix = f"{name}." if len(ensemble.kept) > 1 else ""
-        arrays |= {f"{prefix}{key}": array for key, array in kept.items() if key != "truth"}
-    sums = {} if ensemble.failure else ensemble.total.sums
-    return arrays | {f"shown.{name}": array for name, array in (record.extra | sums).items()}
-
-
-def history_of(arrays: dict[str, Array], name: str, filters: int, row: int = 0) -> History:
-    """The run of a filter at a place among those kept, from the arrays of estimates.npz."""
-    prefix = f"{name}." if filters > 1 else ""
-    extra = {key.removeprefix("shown."): array for key, array in arrays.items() if key.startswith("shown.")}
-    return History(
-        time=arrays["time"],
-        truth=arrays["truth"][..., row],
-        mean=arrays[f"{prefix}mean"][..., row],
-        cov=arrays[f"{prefix}cov"][..., row],
-        step=arrays["step"],
-        values=arrays["values"][..., row],
-        landmark_number=arrays["target"][..., row],
-        landmarks=arrays["places"],
-        extra=extra,
-        run=int(arrays["run"][row]),
-    )
 
 
 def _found(

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
 from estlab.experiment.monte_carlo import Ensemble, Totals, empty_totals

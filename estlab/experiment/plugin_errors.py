@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import plugins_answer
 
 P = ParamSpec("P")

@@ -7,10 +7,10 @@ from typing import Any
 
 from estlab import rundir
 from estlab.config import expectations
-from estlab.config.build import Settings
 from estlab.config.expectations import Finding
+from estlab.config.settings import Settings
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import Names, history_of
+from estlab.experiment.histories import history_of
 from estlab.maths.space import Array
 from estlab.metrics.filter_tables import Table
 from estlab.report import csv_tables
@@ -31,7 +31,6 @@ class Result:
     """
 
     settings: Settings
-    names: Names
     facts: dict[str, Any]
     arrays: dict[str, Array]
     by_filter: Mapping[str, Mapping[str, Table]]
@@ -56,12 +55,12 @@ class Result:
     @cached_property
     def histories(self) -> dict[str, History]:
         """The first run of each set of estimates."""
-        return {name: history_of(self.arrays, name, len(self.filters)) for name in self.filters}
+        return {name: history_of(self.arrays, name, self.filters) for name in self.filters}
 
     @property
     def own_name(self) -> str:
         """The file of the problem's own table."""
-        return f"{self.names.scenario}.csv"
+        return f"{self.settings.names.scenario}.csv"
 
     @property
     def tables(self) -> list[str]:
@@ -83,7 +82,7 @@ class Result:
 
     def add_to_picture(self, axes: Any, name: str, place: int) -> None:
         """Draw the problem's additions to a picture of the plane, for a filter in one of the runs kept."""
-        self.settings.scenario.draw(axes, history_of(self.arrays, name, len(self.filters), place))
+        self.settings.scenario.draw(axes, history_of(self.arrays, name, self.filters, place))
 
     def plot_data(self, draw: Draw | None = None) -> PlotData:
         """The data for its pictures. draw: in place of :meth:`add_to_picture`."""

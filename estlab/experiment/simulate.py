@@ -4,14 +4,14 @@ import contextlib
 import tempfile
 from pathlib import Path
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import Names, record_of
+from estlab.experiment.monte_carlo import record_of
 from estlab.experiment.plugin_errors import plugins_named
 
 
 @plugins_named
-def simulate(settings: Settings, names: Names) -> list[Path]:
+def simulate(settings: Settings) -> list[Path]:
     """Write simulated data of run 0 in the scenario's original file layout to data.path. Returns the files."""
     if settings.data.source != "simulated":
         raise UserError("estlab simulate makes data: leave data=simulated, and set data.path to the folder to write to")
@@ -20,9 +20,11 @@ def simulate(settings: Settings, names: Names) -> list[Path]:
             f"dropped={settings.dropped:g} applies to runs, but the files contain every reading; leave it out"
         )
     if not settings.data.path:
-        raise UserError(f"data.path is required: the folder to write to, for example data.path=data/{names.scenario}")
+        raise UserError(
+            f"data.path is required: the folder to write to, for example data.path=data/{settings.names.scenario}"
+        )
     folder = Path(settings.data.path)
-    record = record_of(settings, names, range(1))
+    record = record_of(settings, range(1))
     ours = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

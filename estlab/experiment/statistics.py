@@ -3,15 +3,16 @@
 from collections.abc import Mapping
 from functools import partial
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import SMOOTHED, Ensemble, Names, record_of
+from estlab.experiment.monte_carlo import Ensemble, record_of
 from estlab.maths.space import Array
 from estlab.metrics.bound import posterior_bound
 from estlab.metrics.consistency import consistency_tests
 from estlab.metrics.filter_tables import TABLES, FilterSums, Table
 from estlab.metrics.tabulated import ERRORS, metric_groups
 from estlab.metrics.verdict import judge
+from estlab.record import SMOOTHED
 from estlab.report.findings import Findings
 
 _BOUND_RUNS = 200
@@ -19,29 +20,29 @@ _BOUND_RUNS = 200
 ByFile = dict[str, dict[str, Table]]
 
 
-def bounds_of(settings: Settings, names: Names, ensemble: Ensemble, attempts: Attempts) -> dict[str, Array | None]:
+def bounds_of(settings: Settings, ensemble: Ensemble, attempts: Attempts) -> dict[str, Array | None]:
     """The Cramer-Rao bound (n, n, T) for each set of estimates.
 
     A smoother has none, because the bound is for the readings so far.
     """
-    bound = attempts.made("Cramér-Rao bound", lambda: _bound(settings, names, ensemble))
+    bound = attempts.made("Cramér-Rao bound", lambda: _bound(settings, ensemble))
     return {name: None if name.endswith(SMOOTHED) else bound for name in ensemble.kept}
 
 
-def _bound(settings: Settings, names: Names, ensemble: Ensemble) -> Array | None:
+def _bound(settings: Settings, ensemble: Ensemble) -> Array | None:
     """From enough runs for its means; None if there is none."""
     if ensemble.record.origin is None:
         return None
-    record = record_of(settings, names, range(_BOUND_RUNS))
+    record = record_of(settings, range(_BOUND_RUNS))
     scenario, noise = settings.scenario, settings.noise.truth
     return posterior_bound(record, scenario.motion(noise), scenario.sensor(noise, record.landmarks))
 
 
 def findings_of(settings: Settings, name: str, ensemble: Ensemble, bound: Array | None, attempts: Attempts) -> Findings:
     """The statistics of one set of estimates."""
-    filter = settings.filters.get(name, settings.filter)
-    group = f"filters.{name}" if settings.filters else "filter"
-    sampled = f"{group}.{filter.traits.sampled_by}" if filter.traits.sampled_by else ""
+    of = name if name in settings.filters else name.removesuffix(SMOOTHED)
+    sampled_by = settings.filters[of].traits.sampled_by
+    sampled = f"{settings.filter_key(of)}.{sampled_by}" if sampled_by else ""
     tally = attempts.made(f"statistics of {name}", lambda: ensemble.total.tallies[name], needed=True)
     if tally is None:
         return Findings([], [], None)

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from estlab.filters.particle import ParticleFilter
 from estlab.filters.particle_code import CompiledGenerators, ParticleCode
 from estlab.maths.space import Array
 from estlab.maths.streams import Generators
-from estlab.record import Estimates, Record
+from estlab.record import Estimates, Readings, Record
 
 log = logging.getLogger("estlab")
 
@@ -48,10 +49,13 @@ class ParticleLoop(Loop):
             raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
 
     def prepare(self, record: Record, generators: Generators) -> None:
-        """Trace and compile, or find it compiled: by the first step of one run."""
+        """Trace and compile, or find it compiled: by the first step in which a run has a reading, for that run."""
         if self._code is None:
-            one = np.arange(1)
-            self._compiled(take_runs(record.first(1), one), generators.take(one), lambda: None, 0)
+            has = np.asarray(~np.isnan(record.readings.values).all(axis=0))
+            first = int(np.argmax(has.any(axis=1))) if has.any() else None
+            run = np.array([0 if first is None else np.argmax(has[first])])
+            step = 0 if first is None else int(record.readings.step[first])
+            self._compiled(_one_step(take_runs(record, run), step), generators.take(run), lambda: None, 0)
 
     def estimate(
         self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None, watched: int = 0
@@ -110,3 +114,18 @@ def compiled_loop(filter: AnyFilter, *parts: Any, insist: bool) -> Loop:
     """The loop of a filter on the compiled engine. parts, insist: as for both kinds."""
     kind = ParticleLoop if type(filter) is ParticleFilter else CompiledLoop
     return kind(filter, *parts, insist=insist)
+
+
+def _one_step(record: Record, step: int) -> Record:
+    """A record of this step alone."""
+    one, readings = slice(step, step + 1), record.readings
+    taken = readings.step == step
+    values, numbers = readings.values[:, taken], readings.landmark_number[taken]
+    return replace(
+        record,
+        start=float(record.time[step - 1]) if step else record.start,
+        time=record.time[one],
+        truth=record.truth[:, one],
+        control=record.control[:, one],
+        readings=Readings(np.zeros(values.shape[1], dtype=int), values, numbers),
+    )

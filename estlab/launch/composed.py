@@ -10,39 +10,25 @@ from estlab.launch import given_keys
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from estlab.config.build import Settings
-    from estlab.experiment.monte_carlo import Names
-
-# Keys that a title shows anyway, or that do not change the figures.
-_TOLD = (
-    "scenario=",
-    "filter=",
-    "runs=",
-    "steps=",
-    "seed=",
-    "data",
-    "plots=",
-    "report=",
-    "output=",
-    "plugins=",
-    "keep_runs=",
-    "block_runs=",
-    "cores=",
-    "expect",
-    "++expect",
-    "sweep.",
-    "objective=",
-    "part=",
-    "parts=",
-)
+    from estlab.config.settings import Names
+    from estlab.launch.execute import Request
 
 
-def settings_of(config: "DictConfig") -> "tuple[Settings, Names]":
+def request_of(config: "DictConfig", command: list[str]) -> "Request":
     """The composed configuration as objects, and the user's names for its parts."""
-    from estlab.config.build import build
+    from omegaconf import OmegaConf
+
+    from estlab.launch.execute import Request
 
     plain, names = described(config)
-    return build(plain), names
+    return Request(plain, names, OmegaConf.to_yaml(config, resolve=True), OmegaConf.to_yaml(typed()), command)
+
+
+def folder() -> Path:
+    """The directory of the run that is composed now."""
+    from hydra.core.hydra_config import HydraConfig
+
+    return Path(raw(HydraConfig.get().runtime)["output_dir"])
 
 
 def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
@@ -50,7 +36,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
-    from estlab.experiment.monte_carlo import Names
+    from estlab.config.settings import Names, changes
 
     hydra = HydraConfig.get()
     plain = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True))
@@ -70,21 +56,21 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     given_keys.refuse_single_filter(words, filters)
     folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     stated = given_keys.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
-    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
-        given_keys.refuse_unread(_unread(plain), words, stated)
-    changes = tuple(o.lstrip("+") for o in words if not o.startswith((*_TOLD, "+filter@")))
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
     # However you write it, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
-    return plain, Names(scenario, filter, changes, given_keys.other_data(words) and bool(stated.get("expect")))
+    names = Names(scenario, filter, changes(words), given_keys.other_data(words) and bool(stated.get("expect")))
+    if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
+        given_keys.refuse_unread(_unread(plain, names), words, stated)
+    return plain, names
 
 
-def _unread(plain: "dict[str, Any]") -> dict[str, str]:
+def _unread(plain: "dict[str, Any]", names: "Names") -> dict[str, str]:
     """The keys that this configuration does not read, with what would; none if it does not build (said elsewhere)."""
     from estlab.config.build import build
 
     try:
-        settings = build(plain)
+        settings = build(plain, names)
     except UserError:
         return {}
     scenario, source = settings.scenario, settings.data.source

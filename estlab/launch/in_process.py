@@ -13,7 +13,7 @@ from estlab.launch.arguments import CONFIG_DIR, is_sweep, parted, prepared
 from estlab.launch.error_messages import one_line
 
 if TYPE_CHECKING:
-    from estlab.experiment.monte_carlo import Names
+    from estlab.config.settings import Names
 
 # Hydra, the log and the filters of warnings are the process's own, so its threads take turns.
 ONE_AT_A_TIME = threading.RLock()

@@ -13,7 +13,7 @@ Form = Literal["figure", "share", "count"]
 
 ALL = "all"  # the component of a metric that is of no single one
 INTERVAL, HOLM_INTERVAL, HOLM_P = "95 % interval", "interval, Holm", "p, Holm"
-BAND = "95 % of a consistent filter"
+CONSISTENT_BAND = "95 % of a consistent filter"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ import numpy as np
 from estlab.maths.space import Array, Space
 from estlab.report.figures import (
     WIDTH,
-    colours,
     cornered,
     drawable,
     headed,
@@ -20,7 +19,7 @@ from estlab.report.figures import (
     said,
     short,
 )
-from estlab.report.over_time import TRUTH
+from estlab.report.palette import TRUTH, colours
 from estlab.report.trajectories import path_of, within
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def draw_clouds(
         for k, axes in enumerate(panels[: len(steps)]):
             draw(axes, name, place)
             around = [*around, axes.dataLim.get_points().T] if k == 0 else around
-            _draw_cloud(axes, points[at][:, k, :, place], weights[k, :, place])
+            _draw_cloud(axes, points[at][:, k, :, place], weights[k, :, place], colours(filters)[name])
             axes.plot(*truth[:, steps[k]], "o", color="C3", ms=9, mfc="none", mew=1.8, label="truth")
             axes.plot(*mean[:, steps[k]], "x", color=TRUTH, ms=7, mew=1.8, label="estimate")
             axes.set_title(f"{arrays['time'][steps[k]]:.4g} s", fontsize="medium")
@@ -84,11 +83,11 @@ def draw_clouds(
     return figure
 
 
-def _draw_cloud(axes: "Axes", points: Array, weights: Array) -> None:
+def _draw_cloud(axes: "Axes", points: Array, weights: Array, colour: str) -> None:
     share = np.nan_to_num(weights) * weights.size
     size = np.clip(6.0 * share, 0.3, 120.0)
-    axes.scatter(drawable(points[0]), drawable(points[1]), s=size, color="C0", alpha=0.45, lw=0, zorder=2.5)
-    axes.scatter([], [], s=25.0, color="C0", alpha=0.45, lw=0, label="particles")
+    axes.scatter(drawable(points[0]), drawable(points[1]), s=size, color=colour, alpha=0.45, lw=0, zorder=2.5)
+    axes.scatter([], [], s=25.0, color=colour, alpha=0.45, lw=0, label="particles")
 
 
 def _is_seen(axes: "Axes", place: Array) -> bool:
@@ -130,7 +129,8 @@ def draw_repeats(arrays: dict[str, Array], filters: Sequence[str], space: Space,
     figure, panels = new_figure(len(shown), f"{title} · {count} runs over one recording", 3.4, columns=2, shared=False)
     at = list(space.position[:2]) or [0]
     truth = drawable(arrays["truth"][..., :1])
-    for row, (name, colour) in enumerate(zip(shown, colours(len(shown)), strict=True)):
+    for row, name in enumerate(shown):
+        colour = colours(filters)[name]
         left, right = panels[2 * row : 2 * row + 2]
         mean = drawable(path_of(arrays, name, filters, "mean"))
         _draw_paths(left, arrays["time"], truth[at, :, 0], mean[at], colour, name)

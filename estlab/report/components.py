@@ -7,7 +7,7 @@ import numpy as np
 
 from estlab.maths.space import Array, Space
 from estlab.metrics.vocabulary import heading
-from estlab.report.figures import colours, labelled, legend_below, logarithmic, new_figure, said, short
+from estlab.report.figures import labelled, legend_below, logarithmic, new_figure, said, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,18 +57,18 @@ def positive(values: Array) -> Array:
     return np.where(values > 0.0, values, np.nan)
 
 
-def draw_components(errors: Mapping[str, Columns], space: Space, title: str) -> "Figure":
+def draw_components(errors: Mapping[str, Columns], space: Space, title: str, colours: Mapping[str, str]) -> "Figure":
     """RMSE and mean sigma of every component over all time and runs, a panel a unit."""
     units = list(dict.fromkeys(space.units))[:MOST]
     figure, panels = new_figure(len(units), title, 2.6, shared=False)
     for axes, unit in zip(panels, units, strict=True):
         mine = [i for i, of in enumerate(space.units) if of == unit]
         at, drawn = np.arange(len(mine)), []
-        for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
+        for name, columns in errors.items():
             for key, style in (("rmse", "o-"), ("mean_sigma", ":")):
                 values = root_mean(columns, key, space.size)[mine]
                 label = short(heading(key) if len(errors) == 1 else f"{name}, {heading(key)}")
-                axes.plot(at, values, style, ms=3, lw=1.0, color=colour, label=label)
+                axes.plot(at, values, style, ms=3, lw=1.0, color=colours[name], label=label)
                 drawn.append(values[np.isfinite(values) & (values > 0.0)])
         seen = np.concatenate(drawn)
         if seen.size and seen.max() > _WIDE * seen.min():

@@ -22,12 +22,6 @@ _DPI = 110
 _COMPRESSION = 3  # a tenth larger than the usual 6, in two thirds of the time
 _BUCKETS = 1500  # points of a line, more than a picture has columns of pixels
 _LABEL = 60  # letters of a name that fit in a legend
-_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7")  # for several filters; red is reserved for bands
-
-
-def colours(count: int) -> list[str]:
-    """Colours for so many filters."""
-    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
 
 
 def new_figure(

@@ -1,18 +1,16 @@
 """The pictures of a run over time: errors, NEES and NIS, effective sample size."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estlab.maths.space import Array, Space
-from estlab.metrics.vocabulary import BAND as BAND_LABEL
-from estlab.metrics.vocabulary import heading, unit_of
+from estlab.metrics.vocabulary import CONSISTENT_BAND, heading, unit_of
 from estlab.report import components
 from estlab.report.components import Columns
 from estlab.report.figures import (
     broken_at_gaps,
-    colours,
     cornered,
     drawable,
     legend_below,
@@ -24,19 +22,21 @@ from estlab.report.figures import (
     telling,
     within_reach,
 )
+from estlab.report.palette import BAND, ENSEMBLE, TRUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TRUTH, ESTIMATE, BAND, ENSEMBLE = "black", "C0", "C3", "C2"
 _DENSE = 1500  # steps from which a line would be a smear
 _CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
 _LOST = 1e3  # steps from which a line would be a smear
 _HIGHEST = 1e4  # times the smallest, from which a filter's errors leave a panel
 
 
-def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: range) -> "Figure":
+def draw_errors(
+    errors: Mapping[str, Columns], space: Space, title: str, runs: range, colours: Mapping[str, str]
+) -> "Figure":
     """One panel a component: the first run's error and +-3 sigma, the bound, for one filter the ensemble's RMSE.
 
     Where the truth of a component is not known, its estimate and +-3 sigma about that. Of many components some.
@@ -47,9 +47,9 @@ def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: r
     for i, axes in zip(shown, panels, strict=True):
         mine = {name: {key: column[i :: space.size] for key, column in one.items()} for name, one in errors.items()}
         if any(np.isfinite(columns["error"]).any() for columns in mine.values()):
-            _draw_component(axes, mine, runs, i in space.angles)
+            _draw_component(axes, mine, runs, colours, i in space.angles)
         else:
-            _draw_estimates(axes, mine, runs, i in space.angles)
+            _draw_estimates(axes, mine, runs, colours, i in space.angles)
         named(axes, space.names[i], space.units[i])
     if len(errors) > 1:
         panels[0].plot([], [], color="0.4", lw=0.8, ls=":", label="±3 sigma")
@@ -58,13 +58,15 @@ def draw_errors(errors: Mapping[str, Columns], space: Space, title: str, runs: r
     return figure
 
 
-def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
+def _draw_component(
+    axes: "Axes", errors: Mapping[str, Columns], runs: range, colours: Mapping[str, str], angle: bool
+) -> None:
     """Of one component, every filter's error about zero."""
     alone = len(errors) == 1
-    for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
+    for name, columns in errors.items():
         of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
-        _draw_band(axes, columns, np.zeros(columns["time"].size), colour, of, alone)
-        line(axes, columns, "error", color=colour, lw=_width(columns), label=short(f"error, {of}"))
+        _draw_band(axes, columns, np.zeros(columns["time"].size), colours[name], of, alone)
+        line(axes, columns, "error", color=colours[name], lw=_width(columns), label=short(f"error, {of}"))
         if alone and len(runs) > 1:
             line(axes, columns, "rmse", color=ENSEMBLE, lw=1.2, ls="--", label=f"RMSE of {len(runs)} runs")
     first = next(iter(errors.values()))
@@ -73,18 +75,20 @@ def _draw_component(axes: "Axes", errors: Mapping[str, Columns], runs: range, an
     _limit(axes, errors, len(runs), np.pi if angle else 1e99)
 
 
-def _draw_estimates(axes: "Axes", errors: Mapping[str, Columns], runs: range, angle: bool) -> None:
+def _draw_estimates(
+    axes: "Axes", errors: Mapping[str, Columns], runs: range, colours: Mapping[str, str], angle: bool
+) -> None:
     """Of one component whose truth is not known, every filter's estimate."""
     alone = len(errors) == 1
     edges, widths = {}, {}
-    for (name, columns), colour in zip(errors.items(), colours(len(errors)), strict=True):
+    for name, columns in errors.items():
         of = f"run {runs[0]}" if alone else f"{name}, run {runs[0]}"
         middle = drawable(columns["estimate"])
         jumps = angle & (np.abs(np.diff(middle, append=middle[-1:])) > np.pi)
         about = np.where(jumps, np.nan, middle)
-        _draw_band(axes, columns, about, colour, of, alone)
-        label = short(f"estimate, truth unknown,  {of}")
-        line(axes, {**columns, "about": about}, "about", color=colour, lw=_width(columns), label=label)
+        _draw_band(axes, columns, about, colours[name], of, alone)
+        label = short(f"estimate, truth unknown, {of}")
+        line(axes, {**columns, "about": about}, "about", color=colours[name], lw=_width(columns), label=label)
         known = np.isfinite(middle) & np.isfinite(columns["upper3"])
         if known.any():
             widths[name] = float(np.quantile(columns["upper3"][known], 0.9))
@@ -159,11 +163,12 @@ def _any(values: Array) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def draw_consistency(by_filter: Mapping[str, Columns], column: str, title: str, runs: range) -> "Figure":
+def draw_consistency(
+    by_filter: Mapping[str, Columns], column: str, title: str, runs: range, colours: Mapping[str, str]
+) -> "Figure":
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = new_figure(1, title, 3.6)
     what = heading(column)
-    tints = dict(zip(by_filter, colours(len(by_filter)), strict=True))
     shown = {name: columns for name, columns in by_filter.items() if columns["time"].size}
     longest = max(columns["time"].size for columns in shown.values())
     dense = len(runs) == 1 and longest > 600
@@ -175,12 +180,8 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, title: str, 
         broken = broken_at_gaps({key: columns[key] for key in ("time", column)})
         style = "." if dense else "-"
         values = np.where(broken[column] > 0.0, drawable(broken[column]), np.nan)
-        axes.plot(broken["time"], values, style, ms=2, color=tints[name], lw=1.0, label=label)
-    band = broken_at_gaps({key: shown[first][key] for key in ("time", "lower", "upper")})
-    if np.isfinite(band["upper"]).any():  # not of a sample too small to have one
-        label = short(BAND_LABEL + ("" if len(shown) == 1 else f", for {first}"))
-        axes.fill_between(band["time"], band["lower"], band["upper"], color=ENSEMBLE, alpha=0.25, lw=0, label=label)
-    axes.axhline(1.0, color="0.4", lw=0.8)
+        axes.plot(broken["time"], values, style, ms=2, color=colours[name], lw=1.0, label=label)
+    draw_consistent(axes, shown[first], "" if len(shown) == 1 else f", for {first}")
     low, high, note = _span(shown, column, 0.005 if dense else 0.0)
     axes.set_yscale("log")
     axes.set_ylim(low, high)
@@ -190,6 +191,18 @@ def draw_consistency(by_filter: Mapping[str, Columns], column: str, title: str, 
     axes.set_xlabel("time [s]")
     legend_below(figure, axes)
     return figure
+
+
+def draw_consistent(axes: "Axes", columns: Columns, of: str) -> None:
+    """The band of a consistent filter and its mean, one; no band of a sample that is too small to have one.
+
+    columns: time, lower and upper. of: what the label says after the band's name.
+    """
+    band = broken_at_gaps({key: columns[key] for key in ("time", "lower", "upper")})
+    if np.isfinite(band["upper"]).any():
+        style: dict[str, Any] = {"color": ENSEMBLE, "alpha": 0.25, "lw": 0, "label": short(CONSISTENT_BAND + of)}
+        axes.fill_between(band["time"], band["lower"], band["upper"], **style)
+    axes.axhline(1.0, color="0.4", lw=0.8)
 
 
 def _span(shown: Mapping[str, Columns], column: str, tail: float) -> tuple[float, float, str]:
@@ -214,11 +227,11 @@ def _known(values: Array) -> Array:
     return np.isfinite(values) & (values > 0.0)
 
 
-def draw_ess(notes: Mapping[str, Columns], title: str, runs: range) -> "Figure":
+def draw_ess(notes: Mapping[str, Columns], title: str, runs: range, colours: Mapping[str, str]) -> "Figure":
     """The effective sample size over time."""
     figure, (axes,) = new_figure(1, title, 3.0)
-    for (name, columns), colour in zip(notes.items(), colours(len(notes)), strict=True):
-        line(axes, columns, "mean", color=colour, lw=1.0, label=short(f"{name}, mean of {len(runs)} runs"))
+    for name, columns in notes.items():
+        line(axes, columns, "mean", color=colours[name], lw=1.0, label=short(f"{name}, mean of {len(runs)} runs"))
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel(heading("ess", unit=unit_of("ess")))
     axes.set_xlabel("time [s]")

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,8 @@ import numpy as np
 from estlab import rundir
 from estlab.comparison.rows import ComparisonRow
 from estlab.errors import UserError
-from estlab.metrics.vocabulary import BAND, heading
+from estlab.metrics.vocabulary import heading
+from estlab.report import palette
 from estlab.report.components import chosen as few
 from estlab.report.components import selection
 from estlab.report.figures import (
@@ -23,6 +23,7 @@ from estlab.report.figures import (
     short,
     within_reach,
 )
+from estlab.report.over_time import draw_consistent
 from estlab.rundir.finished import table
 
 if TYPE_CHECKING:
@@ -30,10 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C9")
 _FAR = 1e3  # times as large as the smallest curve, from which one leaves a panel
-_STYLES = tuple(product(("-", "--", ":"), _COLOURS))
-MOST = len(_STYLES)
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class Curves:
     """A row's tables over time. errors: time, component, unit, rmse. nees: time, anees, lower, upper."""
 
     label: str
+    filter: str
     errors: "DataFrame"
     nees: "DataFrame"
 
@@ -62,7 +61,7 @@ def curves_of(rows: Sequence[ComparisonRow]) -> tuple[list[Curves], list[str]]:
         if read[path]:
             mine = [one[one["filter"] == row.filter] for one in read[path]]
             if mine[0]["time"].nunique() > 1:
-                found.append(Curves(f"{number}  {row.label}", *mine))
+                found.append(Curves(f"{number}  {row.label}", row.filter, *mine))
     return found, unread
 
 
@@ -80,9 +79,9 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
         raise UserError("no run has errors over time to draw: its truth is unknown, or it lacks the components")
     figure, axes = new_figure(len(panels) + with_nees, title, 1.9)
     for axis, (component, unit) in zip(axes, panels, strict=False):
-        for one, (style, colour) in zip(curves, _STYLES, strict=False):
+        for one, style in zip(curves, _styles(curves), strict=True):
             lines = one.errors[(one.errors["component"] == component) & (one.errors["unit"] == unit)]
-            _line(axis, lines, "rmse", style, colour, one.label)
+            _line(axis, lines, "rmse", style, one.label)
         _scale(axis)
         named(axis, heading("rmse", component), unit)
     if with_nees:
@@ -90,6 +89,10 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
     axes[-1].set_xlabel("time [s]")
     legend_below(figure, axes[-1])
     return figure
+
+
+def _styles(curves: Sequence[Curves]) -> list[tuple[str, str]]:
+    return palette.curves([one.filter for one in curves])
 
 
 def _largest(curves: Sequence[Curves], component: str, unit: str) -> float:
@@ -112,24 +115,22 @@ def _panels(curves: Sequence[Curves], chosen: Sequence[str]) -> list[tuple[str, 
 
 def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
     """NEES / n, and the band of a consistent filter: of the first row, where it is not the same for all."""
-    for one, (style, colour) in zip(curves, _STYLES, strict=False):
-        _line(axes, one.nees, "anees", style, colour, one.label)
+    for one, style in zip(curves, _styles(curves), strict=True):
+        _line(axes, one.nees, "anees", style, one.label)
     bands = [one.nees[["time", "lower", "upper"]].reset_index(drop=True) for one in curves]
     alike = all(band.equals(bands[0]) for band in bands)
-    band = broken_at_gaps({name: bands[0][name].to_numpy() for name in ("time", "lower", "upper")})
-    label = BAND + ("" if alike else f", row {curves[0].label.split()[0]}")
-    axes.fill_between(band["time"], band["lower"], band["upper"], color="0.6", alpha=0.35, lw=0, label=label)
-    axes.axhline(1.0, color="0.4", lw=0.8)
+    columns = {name: bands[0][name].to_numpy() for name in ("time", "lower", "upper")}
+    draw_consistent(axes, columns, "" if alike else f", row {curves[0].label.split()[0]}")
     _scale(axes)
     axes.set_ylabel(heading("anees"))
 
 
-def _line(axes: "Axes", lines: "DataFrame", column: str, style: str, colour: str, label: str) -> None:
+def _line(axes: "Axes", lines: "DataFrame", column: str, style: tuple[str, str], label: str) -> None:
     shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
     values = np.minimum(shown[column], 1e99)  # the largest that a picture's coordinates hold
-    axes.plot(
-        shown["time"], np.where(values > 0.0, values, np.nan), style, color=colour, lw=1.1, label=short(label, 90)
-    )
+    colour, dash = style
+    drawn = np.where(values > 0.0, values, np.nan)
+    axes.plot(shown["time"], drawn, dash, color=colour, lw=1.1, label=short(label, 90))
 
 
 def _scale(axes: "Axes") -> None:

@@ -13,6 +13,7 @@ from estlab.report.clouds import clouds_of, draw_clouds, draw_repeats
 from estlab.report.components import MOST, draw_components
 from estlab.report.distribution import draw_distribution
 from estlab.report.over_time import consistency_of, draw_consistency, draw_errors, draw_ess, noted
+from estlab.report.palette import colours
 from estlab.report.trajectories import draw_trajectory
 
 if TYPE_CHECKING:
@@ -42,6 +43,11 @@ class PlotData:
     runs: range
     repeated: bool
     draw: Draw
+
+    @property
+    def colours(self) -> dict[str, str]:
+        """One for each filter."""
+        return colours(self.filters)
 
 
 _PICTURES: dict[str, Callable[[PlotData], "Figure | None"]] = {}
@@ -75,13 +81,15 @@ def pictures(data: PlotData) -> dict[str, Make]:
 @picture
 def errors(data: PlotData) -> "Figure | None":
     table = data.tables.get(rundir.ERRORS)
-    return draw_errors(table, data.space, data.title, data.runs) if table else None
+    return draw_errors(table, data.space, data.title, data.runs, data.colours) if table else None
 
 
 @picture
 def components(data: PlotData) -> "Figure | None":
     table = data.tables.get(rundir.ERRORS)
-    return draw_components(table, data.space, data.title) if table and data.space.size > MOST else None
+    if not table or data.space.size <= MOST:
+        return None
+    return draw_components(table, data.space, data.title, data.colours)
 
 
 @picture
@@ -96,14 +104,14 @@ def nis(data: PlotData) -> "Figure | None":
 
 def _consistency(data: PlotData, file: str, column: str) -> "Figure | None":
     table = consistency_of(data.tables.get(file, {}), column)
-    return draw_consistency(table, column, data.title, data.runs) if table else None
+    return draw_consistency(table, column, data.title, data.runs, data.colours) if table else None
 
 
 @picture
 def ess(data: PlotData) -> "Figure | None":
     notes = data.tables.get(rundir.NOTES, {})
     sizes = {name: noted(one, "ess") for name, one in notes.items() if np.any(one["note"] == "ess")}
-    return draw_ess(sizes, data.title, data.runs) if sizes else None
+    return draw_ess(sizes, data.title, data.runs, data.colours) if sizes else None
 
 
 @picture
@@ -111,7 +119,7 @@ def distribution(data: PlotData) -> "Figure | None":
     table = data.tables.get(rundir.HISTOGRAMS)
     if not table or not any(table.values()) or len(data.runs) < _MANY:
         return None
-    return draw_distribution(table, data.space, data.title)
+    return draw_distribution(table, data.space, data.title, data.colours)
 
 
 @picture

@@ -12,6 +12,7 @@ from estlab import rundir
 from estlab.metrics.vocabulary import column_heading
 from estlab.report.components import chosen, selection
 from estlab.report.figures import png, said, short
+from estlab.report.palette import curves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 Save = Callable[[str, Callable[[Any], object]], object]
 
-_COLOURS = ("C0", "C1", "C2", "C4", "C5", "C6", "C8", "C9", "C7", "C3")
 _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
 _CELLS = 8  # small multiples, or curves, that are still distinguishable
@@ -102,10 +102,11 @@ def draw_curves(
 ) -> "Figure":
     """A panel a component: the metric over the key, a curve a filter, with the band of its interval."""
     figure, panels = _column(columns, 7.0)
+    styles = _styles(table, series)
     for axes, column in zip(panels, columns, strict=True):
-        for name, colour in zip(series, _cycled(len(series)), strict=True):
+        for name, (colour, dash) in zip(series, styles, strict=True):
             rows = table[table["_series"] == name].sort_values(key)
-            axes.plot(rows[key], rows[column], "o-", ms=3.5, lw=1.2, color=colour, label=short(name) or None)
+            axes.plot(rows[key], rows[column], f"o{dash}", ms=3.5, lw=1.2, color=colour, label=short(name) or None)
             if f"{column}.low" in rows:
                 low, high = rows[f"{column}.low"], rows[f"{column}.high"]
                 axes.fill_between(rows[key], low, high, color=colour, alpha=0.18, lw=0)
@@ -123,12 +124,12 @@ def draw_points(
     """A panel a component: the metric of each filter, or of each other choice, with its interval."""
     figure, panels = _column(columns, max(4.5, min(14.0, 1.0 + 0.9 * len(series))))
     for axes, column in zip(panels, columns, strict=True):
-        for at, name in enumerate(series):
+        for at, (name, (colour, _)) in enumerate(zip(series, _styles(table, series), strict=True)):
             rows = table[table["_series"] == name]
             places = at + np.linspace(-0.15, 0.15, len(rows)) if len(rows) > 1 else np.array([at])
-            axes.plot(places, rows[column], "o", ms=4, color="C0")
+            axes.plot(places, rows[column], "o", ms=4, color=colour)
             if f"{column}.low" in rows:
-                axes.vlines(places, rows[f"{column}.low"], rows[f"{column}.high"], color="C0", lw=1.5)
+                axes.vlines(places, rows[f"{column}.low"], rows[f"{column}.high"], color=colour, lw=1.5)
         axes.set_xlim(-0.5, len(series) - 0.5)
         _label(axes, column, units)
         _value_scale(axes, table[column])
@@ -219,8 +220,10 @@ def _legend(figure: "Figure", axes: "Axes", series: Sequence[str]) -> None:
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
-def _cycled(count: int) -> list[str]:
-    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
+def _styles(table: "DataFrame", series: Sequence[str]) -> list[tuple[str, str]]:
+    """Colour and dash of each series, by its filter."""
+    filter_of = dict(zip(table["_series"], table["filter"].astype(str), strict=True))
+    return curves([filter_of[name] for name in series])
 
 
 def _labels(table: "DataFrame", keys: Sequence[str]) -> list[str]:

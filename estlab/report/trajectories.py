@@ -7,8 +7,8 @@ import numpy as np
 
 from estlab.maths.gaussian_belief import ellipses
 from estlab.maths.space import Array, Space
-from estlab.report.figures import WIDTH, colours, drawable, headed, labelled, legend_below, short
-from estlab.report.over_time import BAND, TRUTH
+from estlab.report.figures import WIDTH, drawable, headed, labelled, legend_below, short
+from estlab.report.palette import BAND, TRUTH, colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +62,7 @@ def _draw_line(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], i
     if np.isfinite(truth).any():
         axes.plot(time, truth, color=TRUTH, lw=1.6, label="truth")
     seen = axes.dataLim.get_points().T[1].copy()
-    for name, colour in zip(filters, colours(len(filters)), strict=True):
+    for name, colour in colours(filters).items():
         mean = drawable(path_of(arrays, name, filters, "mean")[i, :, 0])
         wide = 3.0 * np.sqrt(np.maximum(drawable(path_of(arrays, name, filters, "cov")[i, i, :, 0]), 0.0))
         axes.plot(time, mean, color=colour, lw=1.1, label=short(name) if len(filters) > 1 else "estimate")
@@ -84,14 +84,14 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
     # Truth and readings determine the scale: neither a diverging filter nor its uncertainty may shrink the picture.
     box = axes.dataLim.get_points().T.copy()  # the limits at this moment: they move with what is drawn
     several = len(filters) > 1
-    for name, colour in zip(filters, colours(len(filters)), strict=True):
+    for name, colour in colours(filters).items():
         path = drawable(path_of(arrays, name, filters, "mean")[pair, :, 0])
         path = within(path, box) if np.isfinite(box).all() else path
         axes.plot(*path, color=colour, lw=1.1, label=short(name) if several else "estimate")
     low, high = axes.dataLim.get_points().copy()
     size = float((high - low).max()) if np.isfinite([low, high]).all() else 0.0
     left_out = 0
-    for name, colour in zip(filters, colours(len(filters)), strict=True):
+    for name, colour in colours(filters).items():
         mean = path_of(arrays, name, filters, "mean")[pair][:, steps, 0]
         cov = path_of(arrays, name, filters, "cov")[pair][:, pair][:, :, steps, 0]
         # An ellipse larger than the picture, such as a prior over the whole map, would hide everything else.

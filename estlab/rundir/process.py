@@ -77,13 +77,13 @@ def _seen(pid: int) -> _Seen | None:
 def _seen_by_ps(pid: int) -> _Seen | None:
     """The same on systems without /proc."""
     try:
-        said = subprocess.run(
+        status = subprocess.run(
             ["ps", "-o", "stat=,lstart=", "-p", str(pid)],
             capture_output=True, text=True, timeout=10, check=True, env={**os.environ, "LC_ALL": "C", "TZ": "UTC"},
         )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None
-    state, _, began = said.stdout.strip().partition(" ")
+    state, _, began = status.stdout.strip().partition(" ")
     return _Seen(" ".join(began.split()), state.startswith("Z")) if began else None
 
 

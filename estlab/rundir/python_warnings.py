@@ -10,16 +10,16 @@ from estlab.errors import printable
 
 
 @contextmanager
-def in_a_line(say: Callable[[str], object]) -> Iterator[None]:
+def in_a_line(write: Callable[[str], object]) -> Iterator[None]:
     """Pass warnings to ``say``, with their origin at the end. Does not change which warnings there are."""
-    heard: set[str] = set()
+    seen: set[str] = set()
 
     def show(message: Any, category: type, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
         text = printable(" ".join(str(message).split()))
-        said = f"{category.__name__}: {text} ({Path(filename).name}, line {lineno})"
-        if said not in heard:
-            heard.add(said)
-            say(said)
+        entry = f"{category.__name__}: {text} ({Path(filename).name}, line {lineno})"
+        if entry not in seen:
+            seen.add(entry)
+            write(entry)
 
     with warnings.catch_warnings():
         warnings.showwarning = show

@@ -158,7 +158,7 @@ class Car(Scenario):
         axes.plot(0.0, 0.0, "k^", ms=8, label="LIDAR")
         chosen = np.arange(0, history.time.size, max(1, history.time.size // 14))
         _draw_rectangles(axes, history.truth[:, chosen], "black")
-        _draw_rectangles(axes, history.mean[:, chosen], "C0")
+        _draw_rectangles(axes, history.mean[:, chosen], history.colour)
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
         """The passing in close-up: rectangles every half second within 30 m of the LIDAR."""

@@ -174,10 +174,9 @@ class Epuck(Scenario):
         if np.isfinite(first.truth).any():
             above.plot(first.time, first.truth[SPEED], color="black", lw=1.6, label="truth")
             below.plot(first.time, _near(first.truth[HEADING], steady[1:]), color="black", lw=1.6)
-        for i, (name, history) in enumerate(histories.items()):
-            colour = f"C{i + (i >= 3)}"  # red is reserved for bands
-            above.plot(history.time, history.mean[SPEED], color=colour, lw=1.1, label=name)
-            below.plot(history.time, _near(history.mean[HEADING], steady[1:]), color=colour, lw=1.1)
+        for name, history in histories.items():
+            above.plot(history.time, history.mean[SPEED], color=history.colour, lw=1.1, label=name)
+            below.plot(history.time, _near(history.mean[HEADING], steady[1:]), color=history.colour, lw=1.1)
         above.set_ylabel("speed [cm/s]")
         below.set_ylabel("heading [rad]")
         below.set_xlabel("time [s]")

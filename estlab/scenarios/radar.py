@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 3000  # samples to draw: enough to show their shape
 _INSTEAD = "set scenario.distance_sd or scenario.bearing_sd"
-_STYLES = tuple(zip(("C3", "C0", "C2", "C1", "C4", "C5", "C6", "C9"), "osDv^P*h", strict=True))
+_MARKERS = "osDv^P*h"
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,14 @@ class Radar(Scenario):
         from matplotlib.figure import Figure
 
         extra = next(iter(histories.values())).extra
+        colours = [history.colour for history in histories.values()]
         beliefs = {name: Gaussian(h.mean[:, -1], h.cov[:, :, -1]) for name, h in histories.items()}
         figure = Figure(figsize=(10.0, 7.6), layout="constrained")
         whole, near = figure.subplots(1, 2)
         of = f"{extra['samples'].shape[1]} of {int(extra['count'])} samples"
         whole.plot(*extra["samples"], ".", color="0.75", ms=2, zorder=0, label=of)
         for axes, size in ((whole, 4.0), (near, 8.0)):
-            _draw_beliefs(axes, {"exact": self.exact} | beliefs, size)
+            _draw_beliefs(axes, {"exact": self.exact} | beliefs, ["black", *colours], size)
             axes.set_xlabel("x [m]")
             axes.set_ylabel("y [m]")
             axes.grid(alpha=0.3)
@@ -124,12 +125,12 @@ def _sample_moments(extra: dict[str, Array], about: Array) -> Gaussian:
     return Gaussian(about + shift, (extra["second"] - count * np.outer(shift, shift)) / free)
 
 
-def _draw_beliefs(axes: "Axes", beliefs: dict[str, Gaussian], size: float) -> None:
+def _draw_beliefs(axes: "Axes", beliefs: dict[str, Gaussian], colours: Sequence[str], size: float) -> None:
     """Means and ellipses, the first filled black. Coinciding ones stay visible: each ring is wider than the next,
-    each marker smaller than the next.
+    is, each marker smaller than the next.
     """
-    for i, (name, belief) in enumerate(beliefs.items()):
-        colour, marker = ("black", "o") if i == 0 else _STYLES[(i - 1) % len(_STYLES)]
+    for i, ((name, belief), colour) in enumerate(zip(beliefs.items(), colours, strict=True)):
+        marker = "o" if i == 0 else _MARKERS[(i - 1) % len(_MARKERS)]
         width = 0.9 + 2.3 * (1.0 - i / len(beliefs))
         outline = ellipses(belief.mean[:, None], belief.cov[:, :, None])[..., 0]
         axes.plot(*outline, color=colour, lw=width)

@@ -39,8 +39,9 @@ class Scales:
 class History:
     """One run as it is drawn: everything that a problem's own pictures may use.
 
-    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), landmark_number: (N,) of the
-    readings. landmarks: (p, L). extra: the record's further arrays, and its sums over all runs. run: its number.
+    time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), landmark_number: (N,) of the readings.
+    landmarks: (p, L). extra: the record's further arrays, and its sums over all runs. run: its number.
+    colour: of its filter in every picture.
     """
 
     time: Array
@@ -53,6 +54,7 @@ class History:
     landmarks: Array
     extra: dict[str, Array]
     run: int = 0
+    colour: str = "C0"
 
 
 class Scenario(ABC):

@@ -168,10 +168,8 @@ class Sonar(Scenario):
             axes.pcolormesh(x, y, likelihood, cmap="Greys", vmin=0.0, shading="nearest", rasterized=True)
             axes.plot(*history.landmarks, "k^", ms=6, mfc="white", label="beacons")
             axes.plot(*history.truth[:2, step], "o", color="C3", ms=7, mfc="none", mew=2, label="robot")
-            for i, (name, one) in enumerate(histories.items()):
-                # C3 is the robot's colour, as it is the bands' in the other pictures.
-                colour = f"C{i + (i > 2)}"
-                axes.plot(*one.mean[:2, step], "x", color=colour, ms=7, mew=2, label=f"{name}, mean")
+            for name, one in histories.items():
+                axes.plot(*one.mean[:2, step], "x", color=one.colour, ms=7, mew=2, label=f"{name}, mean")
             axes.set(title=f"{history.time[step]:.1f} s", aspect="equal", xlabel="x [m]")
             axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y))
         panels[0].set_ylabel("y [m]")

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estlab.config.angles import is_angle
-from estlab.config.build import Settings
 from estlab.config.locations import options
+from estlab.config.settings import Configuration
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -23,7 +23,7 @@ _CHOICE = re.compile(r"[A-Za-z0-9][\w+-]*(/[A-Za-z0-9][\w+-]*)*", re.ASCII)
 _LAUNCHERS = ("basic", "joblib", "submitit_local", "submitit_slurm")
 # The keys of a launcher that may be names. An address may not: whoever answers there sends code.
 _QUEUES = ("partition", "qos", "account", "constraint")
-_KEYS = {field.name for field in fields(Settings)} - {"plugins", "part", "parts"}
+_KEYS = {field.name for field in fields(Configuration)} - {"plugins", "part", "parts"}
 
 
 def refused(words: Sequence[str], folders: Sequence[Path]) -> str:

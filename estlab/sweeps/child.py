@@ -1,13 +1,12 @@
 """A job in its own process, so that a time limit really ends it."""
 
-import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from dataclasses import asdict
 from pathlib import Path
 from typing import NoReturn
 
@@ -31,7 +30,7 @@ def run_for(job: Job, limit: float) -> int:
         )  # fmt: skip
         os.close(alive)
         try:
-            process.communicate(json.dumps(asdict(job)).encode(), timeout=limit)
+            process.communicate(pickle.dumps(job), timeout=limit)
         except subprocess.TimeoutExpired:
             _kill(process)
             if state.outcome(sweep, name).whole:
@@ -76,7 +75,7 @@ def _last_words(code: int, said: str) -> str:
 def main() -> int:
     """Run the job from standard input, and end when the process that holds the pipe does."""
     interruptible()
-    job = Job(**json.load(sys.stdin))
+    job: Job = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with, args=[int(sys.argv[1])], daemon=True).start()
     try:
         return job.run()

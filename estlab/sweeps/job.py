@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from estlab.launch.composed import described, typed
-from estlab.launch.launcher import OK, USAGE, concluded
+from estlab.launch.execute import Request, execute
+from estlab.launch.launcher import OK, USAGE
 from estlab.launch.path_arguments import as_typed
-from estlab.rundir import CONFIG, OVERRIDES, RunDirectory, process
+from estlab.rundir import RunDirectory, process
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
@@ -35,40 +36,23 @@ class Job:
 
     sweep: str
     name: str
-    plain: dict[str, Any]
-    scenario: str
-    filter: str
-    changes: list[str]
-    config: str
-    typed: str
-    overrides: list[str]
+    request: Request
+
+    @property
+    def fingerprint(self) -> str:
+        """What decides its figures."""
+        names = self.request.names
+        return state.fingerprint(self.request.plain, names.scenario, names.filter)
 
     def run(self) -> int:
         """Run in its directory, which must not exist. Returns the exit code. Only an interruption is raised."""
-        from estlab.config import expectations
-        from estlab.config.build import build
-        from estlab.experiment import experiment
-        from estlab.experiment.compatibility import check
-        from estlab.experiment.monte_carlo import Names
-
-        facts: dict[str, Any] = {"fingerprint": state.fingerprint(self.plain, self.scenario, self.filter)}
-        if self.plain["parts"]:
-            took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in self.plain["parts"]]
+        facts: dict[str, Any] = {"fingerprint": self.fingerprint}
+        if parts := self.request.plain["parts"]:
+            took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in parts]
             facts |= {"parts": len(took), state.PARTS_TOOK: round(sum(took), 3)}
         directory = RunDirectory(Path(self.sweep, self.name), Path(self.sweep), **facts)
-
-        def work() -> str:
-            directory.write_text(CONFIG, self.config)
-            directory.write_text(OVERRIDES, self.typed)
-            names = Names(self.scenario, self.filter, tuple(self.changes))
-            settings = build(self.plain)
-            check(settings, names)
-            return expectations.unmet(
-                experiment.run(settings, names, directory, ["estlab", "run", *map(as_typed, self.overrides)])
-            )
-
         with _output(directory):
-            return concluded(directory, work, bool(self.plain["report"]) and self.plain["part"] is None)
+            return execute(self.request, directory)
 
 
 def task(config: "DictConfig") -> int:
@@ -82,7 +66,7 @@ def task(config: "DictConfig") -> int:
                 (sweep / name).rmdir()  # Hydra made it; a folder that is not empty stays
             return OK
         job = _job(config, sweep, name)
-        limits = job.plain["sweep"]
+        limits = job.request.plain["sweep"]
         if _is_ours(HydraConfig.get().launcher):
             _end_with(sweep)
         code = OK
@@ -107,17 +91,14 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
         plain["cores"] = 1  # the engine already spreads its jobs over the cores
     # The place of a job's parts does not belong to it: the job gives the same when typed without them.
     words = [word for word in typed() if not word.startswith("parts=")]
-    return Job(
-        sweep=str(sweep),
-        name=name,
+    request = Request(
         plain=plain,
-        scenario=names.scenario,
-        filter=names.filter,
-        changes=list(names.changes),
+        names=names,
         config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
-        typed=OmegaConf.to_yaml(words),
-        overrides=[word for word in words if not word.startswith("sweep.")],
+        overrides=OmegaConf.to_yaml(words),
+        command=["estlab", "run", *(as_typed(word) for word in words if not word.startswith("sweep."))],
     )
+    return Job(str(sweep), name, request)
 
 
 def _is_ours(launcher: "DictConfig") -> bool:
@@ -142,8 +123,7 @@ def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
 
 def _is_done(job: Job) -> bool:
     """Whether another worker, believed dead, has completed it after all."""
-    wanted = state.fingerprint(job.plain, job.scenario, job.filter)
-    return state.outcome(Path(job.sweep), job.name, wanted).whole
+    return state.outcome(Path(job.sweep), job.name, job.fingerprint).whole
 
 
 def _attempt(job: Job, limit: float | None) -> int:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
-    from estlab.experiment.monte_carlo import Names
+    from estlab.config.settings import Names
 
 _FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # for the sweep itself
 _NAME_BYTES = 240  # characters of a folder's name; systems allow 255, with the additions of attempts/
@@ -89,7 +89,7 @@ def _values(override: "Override") -> list[str]:
     word = override.input_line
     if not override.is_discrete_sweep():
         raise UserError(
-            f"{word}: an interval is not a list of values; write range(...), or tune it:  hydra/sweeper=optuna"
+            f"{word}: an interval is not a list of values; write range(...), or tune it: hydra/sweeper=optuna"
         )
     if getattr(override.value(), "shuffle", False):
         raise UserError(f"{word}: leave shuffle out; a sweep's jobs keep their order so that you can resume it")
@@ -130,7 +130,7 @@ def composed(
     _check_folder(name)
     shown = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
-    parts = _parts(plain, limits.split_runs)
+    parts = _parts(plain, names, limits.split_runs)
     return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
 
 
@@ -144,12 +144,12 @@ def _check_folder(name: str) -> None:
         )
 
 
-def _parts(plain: dict[str, Any], most: int) -> int:
+def _parts(plain: dict[str, Any], names: "Names", most: int) -> int:
     """The number of parts in which a job can run: each part has at least one block of runs."""
     if most == 1:
         return 1
     try:
-        return min(most, block_count(build(plain)))
+        return min(most, block_count(build(plain, names)))
     except UserError:
         return 1  # the job itself will report what is wrong
 

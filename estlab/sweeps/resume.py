@@ -57,7 +57,7 @@ def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:
             f"command, or type the whole command again with sweep.dir={sweep}"
         )
     if any(map(_is_relative, own)) and Path(plan["folder"]) != Path.cwd():
-        raise UserError(f"{sweep}: its data.path is relative; resume it from the folder  {plan['folder']}")
+        raise UserError(f"{sweep}: its data.path is relative; resume it from the folder {plan['folder']}")
     return [*own, f"sweep.dir={quoted(literal(str(sweep.resolve())))}"]
 
 

@@ -18,6 +18,7 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, without
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.finished import plugins_of
@@ -25,9 +26,6 @@ from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
 
 PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
 PARTS_TOOK = "parts_wall_time_s"  # for a job merged from parts, in its run.json
-
-# Differences between a job and its repetition that change no figure.
-_NO_MATTER = ("output", "plots", "report", "sweep", "part", "parts", "objective", "cores")
 
 _METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # bytes to read at most
 
@@ -72,7 +70,7 @@ def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
 
     For a part of a job, the job's and the part's number.
     """
-    decides = {key: value for key, value in plain.items() if key not in _NO_MATTER}
+    decides = without(plain, NEITHER)
     whole = sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
     return of_part(whole, *plain["part"]) if plain.get("part") else whole
 

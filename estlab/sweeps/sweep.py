@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 from estlab import rundir
 from estlab.config.build import sweep_settings
-from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted, write_page
+from estlab.launch.execute import write_page
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted
 from estlab.sweeps import announcements, jobs, split, state, table
 from estlab.sweeps.progress import watched
 from estlab.sweeps.state import Outcome, Planned

@@ -8,6 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, RECORD, words_without
 from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
@@ -51,9 +52,7 @@ def swept_keys(planned: Sequence[Planned]) -> list[str]:
 def _common(planned: Sequence[Planned]) -> str:
     """The words common to all jobs, except those that change no figure."""
     words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
-    return " ".join(
-        word for word in words if not word.startswith(("sweep.", "plots=", "report=", "output=", "expect", "++expect"))
-    )
+    return " ".join(words_without(words, NEITHER, RECORD))
 
 
 def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from estlab import rundir
+from estlab.config.settings import NEITHER, words_without
 from estlab.launch.arguments import OF_A_SWEEP
 from estlab.launch.path_arguments import as_typed
 from estlab.metrics.objective import Objective
@@ -124,6 +125,5 @@ def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int
 
 def command(trial: Trial) -> str:
     """The trial as a run of its own."""
-    leave = (*OF_A_SWEEP, "sweep.", "plots=", "report=", "objective=", "output=")
-    words = [as_typed(word) for word in trial.job.overrides if not word.startswith(leave)]
+    words = [as_typed(word) for word in words_without(trial.job.overrides, NEITHER) if word not in OF_A_SWEEP]
     return shlex.join(["estlab", "run", *words])

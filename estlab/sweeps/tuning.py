@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 from estlab import rundir
 from estlab.config.build import build, nearest, sweep_settings
+from estlab.config.settings import Names
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import SMOOTHED, Names, filters_of
-from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, pasted, write_page
+from estlab.launch.execute import write_page
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, pasted
 from estlab.metrics.objective import Objective
+from estlab.record import SMOOTHED
 from estlab.sweeps import announcements, jobs, split, state, table, trials
 from estlab.sweeps.dimensions import dimension
 from estlab.sweeps.progress import watched
@@ -93,13 +95,13 @@ class Tuning:
 
     def _check(self, plain: dict[str, Any], names: Names) -> None:
         """Raise UserError if no trial could have such an objective."""
-        settings, wanted = build(plain), self.objective
+        settings, wanted = build(plain, names), self.objective
         space = settings.scenario.space
         components = [*space.names, *(["position"] if space.position else [])]
         if wanted.name == "rmse" and wanted.component not in components:
             near = nearest(wanted.component, components) or f"; {names.scenario} has {', '.join(components)}"
             raise UserError(f"objective: there is no component {wanted.component}{near}")
-        filters = [name + end for name in filters_of(settings, names) for end in ("", SMOOTHED)[: 1 + settings.smooth]]
+        filters = [name + end for name in settings.filters for end in ("", SMOOTHED)[: 1 + settings.smooth]]
         if wanted.filter and wanted.filter not in filters and "filter" not in self.dimensions:
             raise UserError(f"objective: there is no filter {wanted.filter} here (one of {', '.join(filters)})")
 

@@ -7,12 +7,9 @@ from itertools import cycle
 import pytest
 from matplotlib.figure import Figure
 
-from estlab.config.expectations import unmet
 from estlab.errors import UserError
-from estlab.experiment import experiment
 from estlab.experiment.compatibility import check
-from estlab.experiment.monte_carlo import Names
-from estlab.launch.launcher import concluded
+from estlab.launch.execute import Request, execute
 from estlab.rundir import RunDirectory
 from tests.conftest import options, settings
 from tests.plugins import plugged
@@ -38,12 +35,10 @@ def problem(scenario):
     return plugged.settings(scenario, *words) if scenario in plugged.NAMES else settings(f"scenario={scenario}", *words)
 
 
-def ends_well(chosen, scenario, folder, capsys):
+def ends_well(chosen, folder, capsys):
     """Run it, and see that nothing is missing and nothing was complained of."""
-    directory, names = RunDirectory(folder), Names(scenario, "ekf")
-    code = concluded(
-        directory, lambda: unmet(experiment.run(chosen, names, directory, ["estlab", "run"])), chosen.plots
-    )
+    request = Request({"report": chosen.plots}, chosen.names, "", "", ["estlab", "run"])
+    code = execute(request, RunDirectory(folder), chosen)
     said = capsys.readouterr()
     assert (code, said.err) == (0, "")
     assert "missing" not in said.out
@@ -54,7 +49,7 @@ def taken(base, scenario, capsys):
     found = {}
     for name, filter in filters().items():
         try:
-            check(replace(base, filter=filter), Names(scenario, name))
+            check(replace(base, filters={name: filter}))
             found[name] = filter
         except UserError as error:
             assert str(error).startswith("filter."), error
@@ -68,7 +63,7 @@ def test_every_filter_runs_or_is_refused_in_one_line(scenario, runs, tmp_path, c
     base = replace(problem(scenario), runs=runs, plots=False)
     chosen = taken(base, scenario, capsys)
     assert set(filters()) - set(chosen) <= {"ghkf"}
-    ends_well(replace(base, filters=chosen), scenario, tmp_path / "run", capsys)
+    ends_well(replace(base, filters=chosen), tmp_path / "run", capsys)
 
 
 @pytest.mark.parametrize("runs", [1, 20])
@@ -79,7 +74,7 @@ def test_pictures_and_page_are_whole(scenario, runs, tmp_path, capsys, monkeypat
     names = [ALONE[scenario]] if runs == 1 else FAMILIES
     chosen = {name: filters()[name] for name in names}
     base = replace(problem(scenario), runs=runs, plots=True)
-    ends_well(replace(base, filters=chosen), scenario, tmp_path / "run", capsys)
+    ends_well(replace(base, filters=chosen), tmp_path / "run", capsys)
     assert (tmp_path / "run/report.html").stat().st_size > 10_000
     for picture in (tmp_path / "run/plots").iterdir():
         assert picture.read_bytes().startswith(b"\x89PNG"), picture

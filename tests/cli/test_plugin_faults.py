@@ -10,7 +10,7 @@ import pytest
 from estlab.cli.main import main
 from estlab.errors import UserError, plugin_fault, plugins_answer
 from estlab.experiment.attempts import Attempts
-from estlab.launch.launcher import concluded
+from estlab.launch.execute import concluded
 from estlab.parallel.worker import _portable
 from estlab.rundir import RunDirectory
 from tests.cli.test_readme import block

@@ -87,10 +87,10 @@ def failing(monkeypatch):
     """Make one part of three of the EKF fail; what it returns mends it."""
     real = experiment.run
 
-    def run(settings, names, directory, command):
-        if settings.part == [1, 3] and names.filter == "ekf":
+    def run(settings, directory, command):
+        if settings.part == [1, 3] and settings.names.filter == "ekf":
             raise ZeroDivisionError("one over nothing")
-        return real(settings, names, directory, command)
+        return real(settings, directory, command)
 
     monkeypatch.setattr(experiment, "run", run)
     return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -19,10 +19,10 @@ def failing(monkeypatch):
     def install(**by_seed):
         real = experiment.run
 
-        def run(settings, names, directory, command):
+        def run(settings, directory, command):
             if act := by_seed.get(f"seed{settings.seed}"):
                 act()
-            return real(settings, names, directory, command)
+            return real(settings, directory, command)
 
         monkeypatch.setattr(experiment, "run", run)
         return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -127,10 +127,10 @@ def failing(monkeypatch):
     """Make trials of small process noise fail; what it returns mends them."""
     real = experiment.run
 
-    def run(settings, names, directory, command):
+    def run(settings, directory, command):
         if settings.noise.filter.process_scale < 0.6:
             raise ZeroDivisionError("one over nothing")
-        return real(settings, names, directory, command)
+        return real(settings, directory, command)
 
     monkeypatch.setattr(experiment, "run", run)
     return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -8,10 +8,11 @@ from dataclasses import fields
 import pytest
 
 from estlab.cli.main import _comment, main
-from estlab.config.build import Settings, build, key_paths, nearest
+from estlab.config.build import build, key_paths, nearest
 from estlab.config.expectations import parse
 from estlab.config.groups import Data, Noise
 from estlab.config.locations import conf_folder
+from estlab.config.settings import Configuration
 from estlab.errors import UserError
 from estlab.filters.gaussian import GaussianFilter, extended
 from tests.conftest import composed, options, settings
@@ -29,7 +30,7 @@ def test_yaml_keys_are_the_parameters_of_their_target_and_these_have_no_defaults
 
 def test_top_level_keys_are_the_settings():
     config = composed()
-    assert set(config) == {f.name for f in fields(Settings)}
+    assert set(config) == {f.name for f in fields(Configuration)}
     assert set(config["data"]) == {f.name for f in fields(Data)}
     assert set(config["noise"]) == {f.name for f in fields(Noise)}
 

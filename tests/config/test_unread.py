@@ -9,12 +9,13 @@ import pytest
 
 from estlab.cli.main import main
 from estlab.config.build import build
+from estlab.config.settings import Names
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import Names, record_of
+from estlab.experiment.monte_carlo import record_of
 from estlab.launch import given_keys
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.scenarios.scenario import History
-from tests.conftest import ROOT, composed, options
+from tests.conftest import ROOT, composed, options, settings
 
 # A scenario, and further choices on which it depends what is read.
 CASES = [
@@ -74,9 +75,9 @@ def stray(tmp_path) -> str:
 def made_of(plain, scenario):
     """All that a run of this configuration is made of, in one comparable piece; the message if it is refused."""
     try:
-        settings = build(plain)
-        record = record_of(settings, Names(scenario, "pf"), range(2))
-        problem, noise = settings.scenario, settings.noise.filter
+        made = build(plain, Names(scenario, "pf"))
+        record = record_of(made, range(2))
+        problem, noise = made.scenario, made.noise.filter
         motion, sensor = problem.motion(noise), problem.sensor(noise, record.landmarks)
     except UserError as error:
         return f"refused: {error}"
@@ -96,7 +97,7 @@ def made_of(plain, scenario):
     shapes = [(np.shape(array), np.asarray(array).tobytes()) for array in numbers]
     scheme, pause = problem.scheme
     limits = (scheme, pause if scheme == "interleaved" else 0.0, problem.found_within, problem.lost_beyond)
-    return (shapes, limits, repr(settings.filter), repr(table), record.remarks)
+    return (shapes, limits, repr(made.filter), repr(table), record.remarks)
 
 
 @pytest.mark.parametrize("source", ["simulated", "files"])
@@ -203,16 +204,13 @@ def test_readings_of_any_data_are_dropped_by_one_key(scenario):
     data = ["data=files", f"data.path={recordings(scenario)}"]
     for source in ([], data):
         words = [f"scenario={scenario}", "filter=ekf", "steps=40", *source]
-        whole, half, none = (
-            record_of(build(composed(*words, f"dropped={share}")), Names(scenario, "ekf"), range(4))
-            for share in (0.0, 0.5, 1.0)
-        )
+        whole, half, none = (record_of(settings(*words, f"dropped={share}"), range(4)) for share in (0.0, 0.5, 1.0))
         had, kept, left = (np.isfinite(r.readings.values).any(axis=0) for r in (whole, half, none))
         assert not left.any()
         assert 0.3 * had.sum() < kept.sum() < 0.7 * had.sum()
         assert not (kept & ~had).any()
         assert (kept == kept[:, :1]).all() == bool(source), "repeats of a recording lose the same, other runs do not"
-        alone = record_of(build(composed(*words, "dropped=0.5")), Names(scenario, "ekf"), range(3, 4))
+        alone = record_of(settings(*words, "dropped=0.5"), range(3, 4))
         mine = half.readings.values[:, :, 3]
         np.testing.assert_array_equal(
             mine[np.isfinite(mine)], alone.readings.values[np.isfinite(alone.readings.values)],

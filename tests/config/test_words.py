@@ -16,9 +16,9 @@ from omegaconf import OmegaConf
 from estlab.cli.main import main
 from estlab.config.build import build
 from estlab.config.locations import conf_folder
+from estlab.config.settings import Names
 from estlab.errors import UserError
 from estlab.experiment.compatibility import check
-from estlab.experiment.monte_carlo import Names
 from estlab.launch import composition, yaml_bounds
 from estlab.launch.arguments import prepared
 from estlab.launch.path_arguments import PATHS, as_typed, quoted_path
@@ -253,6 +253,6 @@ def test_no_number_of_any_key_is_more_than_a_line(scenario, name):
                 node = node[key]
             node[path[-1]] = [value] * count if count else value
             try:
-                check(build(changed), Names(scenario, name, ()))
+                check(build(changed, Names(scenario, name)))
             except UserError as error:
                 assert "\n" not in str(error)

@@ -10,7 +10,6 @@ from estlab import rundir
 from estlab.errors import IncompleteError
 from estlab.experiment import compute, drawing, statistics, write
 from estlab.experiment.attempts import Attempts
-from estlab.experiment.monte_carlo import Names
 from estlab.experiment.result import Result
 from estlab.metrics import filter_tables, series, tabulated
 from estlab.metrics.tally import Tally
@@ -27,13 +26,11 @@ class Made:
 
     def __init__(self, *overrides: str) -> None:
         self.settings = settings(*overrides)
-        scenario = overrides[0].removeprefix("scenario=")
-        self.names = Names(scenario, "pf")
-        self.ensemble = compute.compute_part(self.settings, self.names)
+        self.ensemble = compute.compute_part(self.settings)
 
     def result(self, plots: bool) -> Result:
         facts = {"title": "title", "data": [], "seconds_per_run_and_step": self.ensemble.cost(20)}
-        return compute.result_of(replace(self.settings, plots=plots), self.names, self.ensemble, facts)
+        return compute.result_of(replace(self.settings, plots=plots), self.ensemble, facts)
 
     def written(self, folder: Path, plots: bool) -> Attempts:
         result = self.result(plots)

@@ -47,4 +47,4 @@ def test_blocks_are_even_in_size_and_number_unless_their_size_is_given(runs, exp
 def test_a_hundred_runs_of_a_thousand_particles_are_work_for_two():
     assert sizes(replace(PARTICLES, runs=100)) == [50, 50]
     many = replace(PARTICLES.filter, particles=100_000)
-    assert max(sizes(replace(PARTICLES, runs=1000, filter=many))) == 20, "what is in memory at once is bounded"
+    assert max(sizes(replace(PARTICLES, runs=1000, filters={"pf": many}))) == 20, "what is in memory at once is bounded"

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from estlab.config.settings import Names
 from estlab.errors import AnswerError
-from estlab.experiment.monte_carlo import Names, check_answers, loop_of, record_of
+from estlab.experiment.monte_carlo import check_answers, loop_of, record_of
 from estlab.filters.filter import Innovation
 from estlab.filters.gaussian import GaussianFilter
 from estlab.maths.gaussian_belief import Gaussian
@@ -17,7 +18,6 @@ from tests.cli.test_readme import block
 from tests.conftest import options, settings
 from tests.plugins import plugged
 
-NAMES = Names("pendulum", "ekf")
 SOURCE = "import math\nfrom dataclasses import replace\nfrom estlab.maths.space import wrap\n" + block("pendulum.py")
 MOVED = "return angle + dt * faster, faster"
 READ = "return (np.sin(angle),)"
@@ -149,15 +149,15 @@ def _pendulum(source, **changes):
 
 @pytest.fixture(scope="module")
 def plain():
-    return settings("runs=3", "filter=ekf")
+    return settings("runs=3", "filter=ekf", names=Names("pendulum", "ekf"))
 
 
 def _work(wanted):
     """What is done up to where filters begin."""
     with np.errstate(all="ignore"):
         loop_of(wanted, wanted.filter, np.empty((0, 1)))
-        record = record_of(wanted, NAMES, range(3))
-        check_answers(wanted, NAMES, record)
+        record = record_of(wanted, range(3))
+        check_answers(wanted, record)
 
 
 @pytest.mark.parametrize(
@@ -191,8 +191,7 @@ def test_every_problem_answers_as_it_must(scenario, runs):
     wanted = (
         plugged.settings(scenario, *words) if scenario in plugged.NAMES else settings(f"scenario={scenario}", *words)
     )
-    names = Names(scenario, "ekf")
-    check_answers(wanted, names, record_of(wanted, names, range(runs)))
+    check_answers(wanted, record_of(wanted, range(runs)))
 
 
 @dataclass(frozen=True)
@@ -247,9 +246,9 @@ class Own(GaussianFilter):
 )
 def test_a_filter_of_a_users_own_is_asked_before_it_works(plain, spoil, said):
     own = Own(Linearised(), "additive", None)
-    _work(replace(plain, scenario=_pendulum(SOURCE), filter=own))
+    _work(replace(plain, scenario=_pendulum(SOURCE), filters={"ekf": own}))
     with pytest.raises(AnswerError) as error:
-        _work(replace(plain, scenario=_pendulum(SOURCE), filter=replace(own, spoil=spoil)))
+        _work(replace(plain, scenario=_pendulum(SOURCE), filters={"ekf": replace(own, spoil=spoil)}))
     assert str(error.value).startswith(f"tests.laws.test_border.Own: {said}")
 
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from estlab import rundir
 from estlab.comparison.reproducibility import _of_estimates
-from estlab.experiment.monte_carlo import Names, estimated, histories_of, loop_of, record_of, workers
+from estlab.experiment.histories import histories_of
+from estlab.experiment.monte_carlo import estimated, loop_of, record_of, workers
 from estlab.filters.loop import cloud_steps
 from estlab.maths import cloud
 from estlab.maths.streams import Streams
@@ -51,8 +52,8 @@ def test_moments_are_six_where_there_are_steps_enough_from_first_to_last(steps):
 
 
 def test_keeping_clouds_changes_no_estimate():
-    chosen, names = settings(*SONAR), Names("sonar", "pf")
-    record = record_of(chosen, names, range(6))
+    chosen = settings(*SONAR)
+    record = record_of(chosen, range(6))
     loop = loop_of(chosen, chosen.filter, record.landmarks)
     plain, watched = (
         loop.estimate(record, Streams(1, "sonar").generators("filter/pf", range(6)), watched=kept) for kept in (0, 4)
@@ -70,10 +71,10 @@ def test_keeping_clouds_changes_no_estimate():
 def test_clouds_are_the_same_whatever_the_block_and_of_the_kept_runs_alone():
     found = []
     for words in ("keep_runs=3", "keep_runs=3 block_runs=2 cores=1", "keep_runs=2"):
-        chosen, names = settings(*SONAR, *words.split()), Names("sonar", "pf")
-        with workers(chosen, names) as pool:
-            first = record_of(chosen, names, range(max(chosen.block_runs or 6, chosen.keep_runs)))
-            arrays = histories_of(estimated(chosen, names, first, pool, lambda total: lambda steps: None), 0)
+        chosen = settings(*SONAR, *words.split())
+        with workers(chosen) as pool:
+            first = record_of(chosen, range(max(chosen.block_runs or 6, chosen.keep_runs)))
+            arrays = histories_of(estimated(chosen, first, pool, lambda total: lambda steps: None), 0)
         found.append(arrays)
     assert found[0]["cloud.points"].shape == (3, 6, 200, 3)
     assert found[0]["cloud.weights"].shape == (6, 200, 3)
@@ -83,10 +84,10 @@ def test_clouds_are_the_same_whatever_the_block_and_of_the_kept_runs_alone():
 
 
 def test_a_filter_without_particles_has_no_cloud():
-    chosen, names = settings("scenario=sonar", "filter=ekf", "runs=2", "steps=5"), Names("sonar", "ekf")
-    with workers(chosen, names) as pool:
-        first = record_of(chosen, names, range(2))
-        arrays = histories_of(estimated(chosen, names, first, pool, lambda total: lambda steps: None), 0)
+    chosen = settings("scenario=sonar", "filter=ekf", "runs=2", "steps=5")
+    with workers(chosen) as pool:
+        first = record_of(chosen, range(2))
+        arrays = histories_of(estimated(chosen, first, pool, lambda total: lambda steps: None), 0)
     assert not any(key.startswith("cloud") for key in arrays)
 
 

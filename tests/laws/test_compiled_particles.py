@@ -89,11 +89,17 @@ def test_runs_that_share_a_belief_share_what_is_left_to_numpy():
         assert np.array_equal(compiled.cov, numpy.cov) == same
 
 
-def test_preparing_draws_nothing():
-    wanted, record = settings("filter=apf", "filter.particles=60").filter, pendulum.record(runs=3)
+@pytest.mark.parametrize("first", [0, 30])
+def test_preparing_draws_nothing_and_leaves_nothing_to_compile(first, monkeypatch):
+    """By a step in which a run has a reading, wherever that is."""
+    wanted, record = settings("filter=pf", "filter.particles=60").filter, pendulum.record(runs=3)
+    record.readings.values[:, :first] = np.nan
+    record.readings.values[:, first, :2] = np.nan
     loop, generators = ParticleLoop(wanted, *MODELS), Streams(1, "test").generators("filter", range(3))
     loop.prepare(record, generators)
-    assert_same_bits(loop.estimate(record, generators), estimated(ParticleLoop(wanted, *MODELS), record))
+    expected = estimated(ParticleLoop(wanted, *MODELS), record)
+    monkeypatch.setattr(cache, "program", None)
+    assert_same_bits(loop.estimate(record, generators), expected)
 
 
 def test_models_that_cannot_be_traced_are_named_or_run_on_numpy(caplog):

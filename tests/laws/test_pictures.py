@@ -322,3 +322,17 @@ def test_a_statistic_without_a_law_has_no_band_in_its_picture():
     labels = [text.get_text() for text in made.drawn()["nees.png"].legends[0].get_texts()]
     assert [label for label in labels if "95 %" in label] == []
     assert len(labels) == 1
+
+
+def test_a_filter_has_one_colour_in_every_picture_of_a_run_whichever_filters_are_in_it():
+    made = Made(space(2, 2), ekf=covariance(1.0), mine=covariance(1.0), pf=covariance(1.0))
+    made.tables[rundir.NOTES] = {"pf": made.tables[rundir.NOTES]["pf"]}
+    drawn = made.drawn()
+    (size,) = drawn["ess.png"].axes[0].get_lines()
+    for name in ("errors.png", "trajectory.png"):
+        lines = {
+            line.get_label().partition(", ")[2] or line.get_label(): line for line in drawn[name].axes[0].get_lines()
+        }
+        found = {label: line.get_color() for label, line in lines.items()}
+        assert next(colour for label, colour in found.items() if label.startswith("pf")) == size.get_color()
+        assert len({colour for label, colour in found.items() if label.startswith(("ekf", "mine", "pf"))}) == 3

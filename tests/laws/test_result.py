@@ -8,7 +8,6 @@ import pytest
 from estlab import rundir
 from estlab.experiment import experiment
 from estlab.experiment.compute import compute
-from estlab.experiment.monte_carlo import Names
 from estlab.experiment.result import Result
 from estlab.experiment.write import write
 from estlab.metrics import filter_tables
@@ -17,12 +16,11 @@ from tests.conftest import settings
 
 WORDS = ("scenario=car", "+filter@filters.ekf=ekf", "+filter@filters.ukf=ukf", "runs=4", "steps=8", "cores=1")
 EXPECTED = ("++expect.rmse.x.min=0",)
-NAMES = Names("car", "ukf")
 
 
 @pytest.fixture(scope="module")
 def result() -> Result:
-    return compute(settings(*WORDS, *EXPECTED, "plots=false"), NAMES)
+    return compute(settings(*WORDS, *EXPECTED, "plots=false"))
 
 
 def test_computing_writes_and_prints_nothing(tmp_path, monkeypatch, capfd):
@@ -34,7 +32,7 @@ def test_computing_writes_and_prints_nothing(tmp_path, monkeypatch, capfd):
         return opened(file, mode, *more, **keys)
 
     monkeypatch.setattr("builtins.open", reading_alone)
-    found = compute(settings(*WORDS, "plots=false", "engine=numpy"), NAMES)
+    found = compute(settings(*WORDS, "plots=false", "engine=numpy"))
     assert found.title.startswith("car · ekf, ukf · 4 runs × 8 steps")
     assert found.attempts.missing == {}
     assert list(tmp_path.iterdir()) == []
@@ -43,7 +41,7 @@ def test_computing_writes_and_prints_nothing(tmp_path, monkeypatch, capfd):
 
 def test_the_facts_are_said_as_soon_as_they_are_known():
     said: dict[str, object] = {}
-    found = compute(settings(*WORDS, "plots=false"), NAMES, lambda **facts: said.update(facts))
+    found = compute(settings(*WORDS, "plots=false"), lambda **facts: said.update(facts))
     assert said == found.facts
     assert list(said) == ["title", "data", "steps", "cores", "seconds_per_run_and_step"]
 
@@ -79,7 +77,7 @@ def test_a_run_is_computed_written_and_told_in_this_order(tmp_path, monkeypatch,
 
         monkeypatch.setattr(experiment, name, noted)
     words = settings(*WORDS, *EXPECTED, "plots=false")
-    held = experiment.run(words, NAMES, rundir.RunDirectory(tmp_path / "run"), ["estlab", "run"])
+    held = experiment.run(words, rundir.RunDirectory(tmp_path / "run"), ["estlab", "run"])
     assert order == [("compute", False, False), ("write", False, False), ("_print", True, False)]
     assert held
     assert "expectation" in capsys.readouterr().out
@@ -106,7 +104,7 @@ def test_a_table_and_a_picture_are_a_function_each(monkeypatch, tmp_path):
     def none_drawn(data, filter):
         assert filter in ("ekf", "ukf")
 
-    found = compute(settings(*WORDS), NAMES)
+    found = compute(settings(*WORDS))
     write(found, rundir.RunDirectory(tmp_path))
     assert found.attempts.missing == {}
     assert (tmp_path / "steps.csv").read_text().splitlines()[:2] == ["filter,step,seed", "ekf,0,1"]

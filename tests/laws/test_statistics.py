@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estlab.config.build import Settings
+from estlab.config.settings import Settings
 from estlab.experiment.blocks import block
-from estlab.experiment.monte_carlo import Ensemble, Names, estimated, record_of, workers
+from estlab.experiment.monte_carlo import Ensemble, estimated, record_of, workers
 from estlab.filters.gaussian import extended
 from estlab.maths.space import Space
 from estlab.metrics import series
@@ -29,17 +29,16 @@ from tests.conftest import estimate, metrics, settings, tallied
 KALMAN = extended("additive", None)
 
 
-def ensemble_of(experiment: Settings, names: Names) -> Ensemble:
+def ensemble_of(experiment: Settings) -> Ensemble:
     """All runs of all filters."""
-    with workers(experiment, names) as pool:
-        first = record_of(experiment, names, block(experiment, 0))
-        return estimated(experiment, names, first, pool, lambda total: lambda steps: None)
+    with workers(experiment) as pool:
+        first = record_of(experiment, block(experiment, 0))
+        return estimated(experiment, first, pool, lambda total: lambda steps: None)
 
 
-def figures(experiment: Settings, name: str) -> dict[str, dict]:
+def figures(experiment: Settings) -> dict[str, dict]:
     """Every figure of every filter of a run."""
-    names = Names(name, "ukf")
-    return {label: metrics(tally) for label, tally in ensemble_of(experiment, names).total.tallies.items()}
+    return {label: metrics(tally) for label, tally in ensemble_of(experiment).total.tallies.items()}
 
 
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=6), st.integers(0, 10_000))
@@ -80,7 +79,7 @@ def test_a_histogram_counts_every_run_once_and_nan_never():
 def test_figures_do_not_depend_on_the_size_of_the_blocks(scenario, filter):
     common = [f"scenario={scenario}", f"filter={filter}", "runs=11", "steps=25", "keep_runs=1"]
     common += ["filter.particles=60"] if filter == "pf" else []
-    one, *others = (figures(settings(*common, f"block_runs={size}"), scenario)["ukf"] for size in (100, 1, 5))
+    one, *others = (figures(settings(*common, f"block_runs={size}"))[filter] for size in (100, 1, 5))
     for many in others:
         assert one.keys() == many.keys()
         for key, row in one.items():
@@ -90,11 +89,10 @@ def test_figures_do_not_depend_on_the_size_of_the_blocks(scenario, filter):
 
 @pytest.mark.parametrize("scenario", ["landmark", "field", "car", "sonar"])
 def test_a_run_alone_is_that_run_among_all(scenario):
-    names = Names(scenario, "ukf")
     kept = {}
     for which in ("run_index=null", "run_index=7"):
         experiment = settings(f"scenario={scenario}", "runs=9", "steps=20", which)
-        kept[which] = ensemble_of(experiment, names).kept["ukf"]
+        kept[which] = ensemble_of(experiment).kept["ukf"]
     among, alone = kept.values()
     for name in ("truth", "mean", "cov"):
         np.testing.assert_allclose(alone[name][..., 0], among[name][..., 7], rtol=1e-12, atol=1e-12)
@@ -105,8 +103,7 @@ def test_the_order_of_filters_changes_no_figure_and_no_comparison():
     for order in (("ekf", "ukf"), ("ukf", "ekf")):
         plugs = [f"+filter@filters.{name}={name}" for name in order]
         experiment = settings("scenario=field", "runs=12", "steps=20", *plugs)
-        names = Names("field", "ekf")
-        ensemble = ensemble_of(experiment, names)
+        ensemble = ensemble_of(experiment)
         results.append(({n: metrics(t) for n, t in ensemble.total.tallies.items()}, ensemble.total.comparison.rows({})))
     (one, compared), (other, compared_too) = results
     for name in ("ekf", "ukf"):
@@ -211,7 +208,7 @@ def test_a_run_that_breaks_is_counted_by_what_broke_it_first():
 
 def test_a_run_is_lost_if_it_stays_beyond_the_limit_to_the_end_and_not_if_it_comes_back():
     problem = settings("scenario=field").scenario
-    record = record_of(settings("scenario=field"), Names("field", "ukf"), range(4))
+    record = record_of(settings("scenario=field"), range(4))
     off = np.zeros((3, 200, 4))
     off[0, 100:, 1] = 150.0  # leaves for good
     off[0, 100:190, 2] = 150.0  # comes back

@@ -66,7 +66,7 @@ def curves(label: str, rmse: list[float], anees: list[float], components=("x",))
     time = np.arange(len(rmse))
     errors = pd.concat([pd.DataFrame({"time": time, "component": c, "unit": "m", "rmse": rmse}) for c in components])
     nees = pd.DataFrame({"time": time, "anees": anees, "lower": 0.5, "upper": 2.0})
-    return overlay.Curves(label, errors, nees)
+    return overlay.Curves(label, "ekf", errors, nees)
 
 
 def test_a_comparison_without_truth_has_no_empty_panel():

@@ -39,7 +39,7 @@ def test_the_names_that_other_modules_use_are_the_vocabularys():
 def test_no_other_module_writes_the_heading_of_a_metric():
     """Sentences may name a statistic; a text that is nothing but its heading is the vocabulary's."""
     once = [term.heading for name, term in METRICS.items() if _is_its_own(name, term.heading)]
-    once += [vocabulary.INTERVAL, vocabulary.HOLM_INTERVAL, vocabulary.HOLM_P, vocabulary.BAND, "< 0.0001"]
+    once += [vocabulary.INTERVAL, vocabulary.HOLM_INTERVAL, vocabulary.HOLM_P, vocabulary.CONSISTENT_BAND, "< 0.0001"]
     pattern = re.compile("|".join(f'"{re.escape(text)}"' for text in once))
     folder = Path(vocabulary.__file__).parents[1]
     found = {path.name for path in folder.rglob("*.py") if pattern.search(path.read_text())}

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from estlab.compiled import cache
+from estlab.config.settings import Names
 from estlab.errors import UserError
-from estlab.experiment.monte_carlo import Names, loop_of, record_of
+from estlab.experiment.monte_carlo import loop_of, record_of
 from estlab.filters.engine import CompiledLoop
 from estlab.filters.gaussian import extended
 from estlab.filters.loop import Loop
@@ -73,8 +74,8 @@ def test_however_the_filter_is_set_it_finds_what_numpy_finds(words):
     "words", [(*LANDMARK, "filter=ekf"), (*FIELD, "filter=ukf"), (*LANDMARK, "filter=second_order")], ids=" ".join
 )
 def test_what_is_smoothed_is_what_numpy_smooths_and_what_was_filtered(words):
-    wanted = settings(*words)
-    record = record_of(wanted, Names("test", "test"), wanted.run_numbers)
+    wanted = settings(*words, names=Names("test", "test"))
+    record = record_of(wanted, wanted.run_numbers)
     generators = Streams(1, "test").generators("filter", range(record.runs))
     numpy, compiled = (
         loop_of(replace(wanted, engine=engine), wanted.filter, record.landmarks).estimate_and_smooth(record, generators)
@@ -214,8 +215,8 @@ def test_where_nothing_is_known_to_be_wrong_nothing_is_left_to_numpy(monkeypatch
         raise AssertionError("NumPy went through a run that is sound")
 
     monkeypatch.setattr(Loop, "estimate", unwanted)
-    wanted = settings(*CAR, "filter=ukf", "engine=compiled")
-    record = record_of(wanted, Names("test", "test"), wanted.run_numbers)
+    wanted = settings(*CAR, "filter=ukf", "engine=compiled", names=Names("test", "test"))
+    record = record_of(wanted, wanted.run_numbers)
     assert np.isfinite(estimated(loop_of(wanted, wanted.filter, record.landmarks), record).cov).all()
 
 

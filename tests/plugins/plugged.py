@@ -4,7 +4,8 @@ from pathlib import Path
 
 import yaml
 
-from estlab.config.build import Settings, build
+from estlab.config.build import build
+from estlab.config.settings import Names, Settings
 from tests.conftest import composed
 
 FOLDER = Path(__file__).parent
@@ -18,4 +19,5 @@ def settings(name: str, *overrides: str) -> Settings:
     config["plugins"] = ["tests"]
     if name == "log":
         config["data"] = {**config["data"], "source": "files", "path": str(FOLDER / "data")}
-    return build(config)
+    filter = next((word.partition("=")[2] for word in overrides if word.startswith("filter=")), "ukf")
+    return build(config, Names(name, filter))

@@ -1,0 +1,154 @@
+"""The one way to run an experiment: what was asked for, into the directory of a run, and how it ended."""
+
+import contextlib
+import errno
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from estlab import rundir
+from estlab.config import expectations
+from estlab.config.build import build
+from estlab.config.expectations import Finding
+from estlab.config.settings import Names, Settings
+from estlab.errors import IncompleteError, PluginError, UserError, WorkerLostError, frames, is_lack_of_memory
+from estlab.experiment import experiment
+from estlab.experiment.compatibility import check
+from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted
+from estlab.rundir import RunDirectory, State
+
+# By number of the system's error, what to do about a file of the run that cannot be written.
+_REMEDIES = {
+    errno.ENOSPC: "make room or set output to another disk",
+    errno.EDQUOT: "make room or set output to another disk",
+    errno.ENOENT: "leave its directory where it is until the run has ended",
+    errno.EINVAL: "remove what stands in its place",
+    errno.EISDIR: "remove what stands in its place",
+    errno.EROFS: "set output to another disk",
+    errno.EIO: "the disk is failing, set output to another",
+    errno.ESTALE: "set output to another disk",
+    errno.EMFILE: "raise the limit of open files, for example ulimit -n 1024",
+    errno.ENFILE: "the system has too many files open",
+    errno.EFBIG: "raise the limit of file sizes, for example ulimit -f unlimited",
+}
+
+
+@dataclass(frozen=True)
+class Request:
+    """An experiment that is asked for, as plain data that any process can be given.
+
+    plain: its resolved configuration. config, overrides: the texts of config.yaml and overrides.yaml. command: what is
+    typed for it.
+    """
+
+    plain: dict[str, Any]
+    names: Names
+    config: str
+    overrides: str
+    command: list[str]
+
+    def settings(self) -> Settings:
+        """Its configuration as objects.
+
+        Raises UserError for one that is no good, or whose parts do not go together.
+        """
+        settings = build(self.plain, self.names)
+        check(settings)
+        return settings
+
+
+def execute(
+    request: Request,
+    directory: RunDirectory,
+    settings: Settings | None = None,
+    on_end: Callable[[list[Finding]], object] | None = None,
+) -> int:
+    """Run it in this directory and set its final status; the exit code. It raises an interruption alone.
+
+    settings: those of the request, where they are made already. on_end: is given what was found of what was expected,
+    once all is written but the status.
+    """
+
+    def work() -> str:
+        directory.write_text(rundir.CONFIG, request.config)
+        directory.write_text(rundir.OVERRIDES, request.overrides)
+        findings = experiment.run(settings or request.settings(), directory, request.command)
+        if on_end:
+            on_end(findings)
+        return expectations.unmet(findings)
+
+    page = request.plain.get("report") is True and not request.plain.get("part")
+    return concluded(directory, work, page)
+
+
+def concluded(directory: RunDirectory, work: Callable[[], str], page: bool) -> int:
+    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
+
+    work: gives what was expected and not found, nothing if all was. page: whether to write report.html.
+    """
+    try:
+        with directory.logged():
+            unmet = work()
+    except KeyboardInterrupt:
+        with contextlib.suppress(OSError):
+            directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
+        raise
+    except (Exception, SystemExit) as error:
+        code = USAGE if isinstance(error, UserError) else FAILED
+        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
+    else:
+        return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
+    finally:
+        # Last, since it shows the status too.
+        if page and directory.is_there():
+            write_page(directory.path)
+
+
+def _ended(directory: RunDirectory, state: State, message: str, code: int) -> int:
+    """Set the final status and say what is wrong; the exit code. A run whose status cannot be written has failed."""
+    try:
+        directory.finish(state, message, code)
+    except OSError as error:
+        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
+    return complain(message, code) if message else code
+
+
+def write_page(folder: Path) -> None:
+    """Write report.html. A disk without room for it changes nothing in how a run ended."""
+    from estlab.report import page
+
+    try:
+        page.write(folder)
+    except OSError as error:
+        complain(
+            f"{error.filename}: {error.strerror}; the page is missing, "
+            f"draw it later with estlab report {pasted(folder)}"
+        )
+    except Exception as error:
+        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
+
+
+def _reason(error: BaseException, log: Path) -> str:
+    """Why a run failed and what to do, in one line."""
+    if isinstance(error, (UserError, WorkerLostError, IncompleteError)):
+        return str(error)
+    if isinstance(error, PluginError):
+        return f"{error}; the traceback is in {log}"
+    if is_lack_of_memory(error):
+        return "out of memory; lower block_runs, cores, runs, keep_runs or scenario.duration"
+    if isinstance(error, OSError):
+        why = error.strerror or str(error) or type(error).__name__
+        if not _of_directory(error, log.parent):
+            where = f"{error.filename}: " if error.filename else ""
+            return f"{where}{why}; the traceback is in {log}"
+        remedy = _REMEDIES.get(error.errno or 0, "check its permissions")
+        return f"{error.filename or log.parent}: {why}; the run is incomplete, {remedy}"
+    said = " ".join(str(error).split())
+    return f"internal error, {type(error).__name__}: {said}; the traceback is in {log}"
+
+
+def _of_directory(error: OSError, folder: Path) -> bool:
+    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
+    return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))
