@@ -90,6 +90,7 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool) -> i
     try:
         with directory.logged():
             unmet = work()
+            directory.sync()
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):
             directory.finish("interrupted", "interrupted by the user", INTERRUPTED)

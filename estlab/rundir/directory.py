@@ -36,6 +36,7 @@ class RunDirectory:
         self._began, self._clock = time.time(), time.monotonic()
         self._facts: dict[str, Any] = facts
         self._kept: dict[str, dict[str, str]] = {}
+        self._written: set[str] = set()
         try:
             self._root.mkdir(parents=True, exist_ok=True)
             files.create(self._root, str(self._name / STATUS), status.stamp("running", self._began))
@@ -102,7 +103,14 @@ class RunDirectory:
         Raises OSError if it cannot be written, or if the directory is no longer the one that was claimed.
         """
         self._must_be_there()
-        return files.write(self._root, str(self._name / name), write)
+        path = files.write(self._root, str(self._name / name), write, sync=False)
+        self._written.add(str(self._name / name))
+        return path
+
+    def sync(self) -> None:
+        """Wait until the disk has everything written so far. Raises OSError if it refuses some of it."""
+        self._must_be_there()
+        files.sync(self._root, sorted(self._written))
 
     def write_text(self, name: str, text: str) -> Path:
         """:meth:`write` for text."""
