@@ -82,11 +82,11 @@ def test_pairs_are_of_the_runs_that_both_have_and_p_is_adjusted_for_the_rows(cap
 def test_where_truth_is_not_shared_nothing_is_paired_and_it_is_said_why(words, why, capsys):
     made(Path("other"), "filter=ukf", *words)
     rows = table(capsys, "other", "ekf")
-    assert rows[1]["not_paired"] == f"truth or readings are not the same: {why}"
+    assert rows[1]["not_paired"] == f"truth or readings differ: {why}"
     assert rows[1].get("difference.position", "") == ""
     assert main(["compare", "other", "ekf"]) == 0
     printed = capsys.readouterr()
-    assert f"row 2 not paired with row 1: truth or readings are not the same: {why}" in printed.out
+    assert f"row 2 not paired with row 1: truth or readings differ: {why}" in printed.out
     key = why.split()[0]
     assert re.search(rf"^estlab: warning: .*{key if key in ('seed', 'scenario') else 'the truth'}", printed.err, re.M)
 
@@ -141,7 +141,7 @@ def test_runs_that_are_not_whole_are_listed_and_left_out(capsys):
     ]
     assert out.splitlines()[0].startswith("landmark · 1 run directory")
     assert main(["compare", "seed", "ukf"]) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == "estlab: there is no run that can be compared"
+    assert capsys.readouterr().err.splitlines()[-1] == "estlab: no run can be compared"
 
 
 def test_a_run_that_did_not_find_what_was_expected_is_whole(capsys):
@@ -243,7 +243,7 @@ HOSTILE = {
     "a link to itself": ("metrics.csv", lambda f: (f.unlink(), f.symlink_to(f.name)), ""),
     "a pipe": ("metrics.csv", _pipe, "is not a regular file"),
     "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is not a regular file"),
-    "no file": ("config.yaml", Path.unlink, "is not there"),
+    "no file": ("config.yaml", Path.unlink, "no such file"),
     "no text": (
         "metrics.csv",
         _text(b"filter,metric,component,unit,value,ci_low,ci_high,n\n\xff\0"),
@@ -308,7 +308,7 @@ def test_a_broken_table_of_runs_leaves_the_rows_and_says_what_is_not_paired(caps
         (["ekf", "--against", "7"], "there is no such row; give a number from 1 to 1"),
         (["ekf", "both", "--against", "ekf"], "rows 1, 2 are"),
         (["ekf", "--plot", "a.exe"], "must end in .png, .pdf, .svg"),
-        (["ekf", "--md", "--latex"], "take one"),
+        (["ekf", "--md", "--latex"], "choose one"),
         (["ekf", "--csv", "-", "--md"], "both go to standard output"),
     ],
 )

@@ -56,7 +56,7 @@ def test_what_an_engine_of_before_found_is_found_again(capsys):
         ("cores=0", "cores=0: write an integer from 1"),
         ("cores=\u0663", "write an integer from 1"),
         ("cores=" + "9" * 100, "write an integer from 1"),
-        ("output=", "output=: output takes a value"),
+        ("output=", "output=: output needs a value"),
         ("plugins=[no_such_package]", "estlab: plugins: Python finds no package 'no_such_package'"),
     ],
 )
@@ -120,7 +120,7 @@ def test_missing_lines_arrays_and_files_are_differences_or_said(capsys):
 def test_a_run_that_was_not_whole_is_run_and_compared_with_nothing(capsys):
     edit(Path("runs/day/run/status.json"), status="interrupted", error="by the user")
     assert main(["rerun", "runs/day/run"]) == 1
-    assert "there will be nothing to compare with, runs/day/run has no whole result" in capsys.readouterr().err
+    assert "there will be nothing to compare with: runs/day/run has no complete result" in capsys.readouterr().err
     assert json.loads((newest() / "status.json").read_text())["status"] == "ok"
 
 

@@ -50,8 +50,8 @@ REFUSED = {
     "lock a link": (lambda s: linked(s / ".lock", "mine/file"), ".lock: is a link"),
     "lock a pipe": (lambda s: piped(s / ".lock"), ".lock: is not a regular file"),
     "lock a second name": (lambda s: ((s / ".lock").unlink(), os.link("mine/file", s / ".lock")), ".lock: has another"),
-    "plan a link": (lambda s: linked(s / "sweep.json", "mine/file"), "there is no sweep.json"),
-    "plan a pipe": (lambda s: piped(s / "sweep.json"), "there is no sweep.json"),
+    "plan a link": (lambda s: linked(s / "sweep.json", "mine/file"), "no readable sweep.json"),
+    "plan a pipe": (lambda s: piped(s / "sweep.json"), "no readable sweep.json"),
     "attempts a link": (
         lambda s: ((s / JOB / "metrics.csv").unlink(), linked(s / "attempts", "mine")),
         "attempts: is a link",

@@ -83,7 +83,7 @@ def test_no_folder_on_the_way_is_followed(trap, root):
         lambda: RunDirectory(root / "way", root),
         lambda: RunDirectory(root / "way/run", root),
     ):
-        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is no folder)"):
+        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is not a folder)"):
             use()
     assert not files.is_file(root, "way/file")
 
