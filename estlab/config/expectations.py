@@ -4,7 +4,6 @@ An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and 
 value that metrics.csv has there may be. Without a filter it holds for each; without a component, for the metric's only
 one or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``, the row by what stands in
 its first column, the column with or without its unit. A value that is not there, or is NaN, meets no expectation.
-
 A value is compared to twelve digits, so that a share of time that is one but for the last bit is one.
 """
 
@@ -18,6 +17,7 @@ from typing import Any
 
 from estlab.config.build import nearest
 from estlab.errors import UserError
+from estlab.metrics.digits import bracket
 from estlab.metrics.verdict import WORDS
 
 _Row = Mapping[str, Any]
@@ -91,8 +91,8 @@ class Finding:
 
     def cells(self) -> tuple[str, ...]:
         """A line of a table: filter, what, expected, found with its interval, ok or FAILED."""
-        interval = f" [{self.low:.3g}, {self.high:.3g}]" if self.low == self.low else ""
-        return self.filter, self.what, self.expected, self.found + interval, "ok" if self.met else "FAILED"
+        outcome = "ok" if self.met else "FAILED"
+        return self.filter, self.what, self.expected, self.found + bracket(self.low, self.high), outcome
 
 
 def parse(expect: Any, filters: Sequence[str]) -> list[Expectation]:
