@@ -261,7 +261,7 @@ def test_nothing_that_a_directory_names_is_imported_or_run(copy):
     ("words", "said"),
     [
         ([], "estlab report takes the directory of a run or a sweep, for example estlab report runs/latest"),
-        (["copy", "nowhere"], "nowhere: there is no such directory"),
+        (["copy", "nowhere"], "nowhere: no such directory"),
         (
             ["copy", "empty"],
             "empty: holds neither a run nor a sweep; name a directory that estlab run or estlab sweep made",
