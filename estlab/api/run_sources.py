@@ -12,7 +12,7 @@ from estlab import rundir
 from estlab.api import tables
 from estlab.config.build import build
 from estlab.config.earlier import completed
-from estlab.config.settings import Settings
+from estlab.config.settings import Names, Settings
 from estlab.errors import UserError, printable
 from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
@@ -168,7 +168,8 @@ class Stored:
         """
         config = dict(self.config) | {"plugins": list(self.plugins)}
         try:
-            return build(completed(config, self.run.scenario, self.run.filter)[0])
+            names = Names(self.run.scenario, self.run.filter)
+            return build(completed(config, self.run.scenario, self.run.filter)[0], names)
         except UserError as error:
             theirs = self.config.get("plugins")
             hint = f"; if you trust its plugins, load(..., plugins={theirs})" if theirs and not self.plugins else ""

@@ -62,8 +62,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     try:
         # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
         os.environ["HYDRA_FULL_ERROR"] = "1"
-        composition.install()
-        hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
+        with composition.installed():
+            hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except HydraException as error:
         # Before OSError, which a missing configuration is too.
         if traceback_wanted:
