@@ -107,8 +107,10 @@ class ParticleFilter(Filter[Particles]):
         weighed = belief._replace(weights=weights)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
-            part = self._with_chosen_ancestors(sensor, belief.take(fresh), reading[:, fresh], own(landmark, fresh))
-            weighed = weighed.replaced(fresh, part)
+            everyone = fresh.size == belief.fresh.size  # as a rule, and then nothing is copied
+            some = belief if everyone else belief.take(fresh)
+            part = self._with_chosen_ancestors(sensor, some, reading[:, fresh], own(landmark, fresh))
+            weighed = part if everyone else weighed.replaced(fresh, part)
         vanished = weighed.weights.vanished
         points = weighed.points
         if self.recovery == "redraw" and vanished.any():
@@ -175,10 +177,11 @@ class ParticleFilter(Filter[Particles]):
         likelihood = self._likelihood(sensor, guess, reading, landmark)
         first_stage = self._weights(belief.weights.log + likelihood).linear
         chosen = self._chosen(first_stage, belief.generators)
-        before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
+        every = np.arange(chosen.shape[1])
+        before = cloud.chosen(last.before, every, chosen)
         moved = belief._replace(points=self._moved(last._replace(before=before), belief.generators), weights=even)
         second = self._likelihood(sensor, moved, reading, landmark)
-        return moved._replace(weights=self._weights(second - np.take_along_axis(likelihood, chosen, axis=0)))
+        return moved._replace(weights=self._weights(second - cloud.chosen(likelihood[None], every, chosen)[0]))
 
     def _after(self, belief: Particles, step: Step) -> Particles:
         """The belief after a step that made its points."""

@@ -8,6 +8,7 @@ import numpy as np
 from estlab.maths.linalg import ROUNDING, cholesky, solve_lower
 from estlab.maths.space import Array, Space
 from estlab.metrics.laws import SIGMAS, nees_law, nis_mean
+from estlab.metrics.masked import count
 from estlab.record import Estimates, Record
 
 LAGS = 5  # of the innovations' correlation
@@ -144,11 +145,11 @@ def correlations(whitened: Array, lags: int) -> Array:
         order = np.argsort(~has, axis=0, kind="stable")
         whitened = np.take_along_axis(whitened, order[None], axis=1)
     known = np.nan_to_num(whitened)
-    count, total = has.sum(axis=0), (known**2).sum(axis=(0, 1))
+    readings, total = count(np.asarray(has), 0), (known**2).sum(axis=(0, 1))
     found = np.full((lags, known.shape[2]), np.nan)
     for i in range(min(lags, known.shape[1] - 1)):
         found[i] = (known[:, i + 1 :] * known[:, : -i - 1]).sum(axis=(0, 1)) / np.where(total > 0.0, total, np.nan)
-    return np.where(count >= 4 * lags, found, np.nan)
+    return np.where(readings >= 4 * lags, found, np.nan)
 
 
 def shares_inside(scores: Scores) -> tuple[Array, Array]:
@@ -168,9 +169,9 @@ def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array
         taken, first = np.unique(record.readings.step, return_index=True)
         known = np.isfinite(whitened)
         nis[taken] = np.add.reduceat((np.where(known, whitened, 0.0) ** 2).sum(axis=0), first, axis=0)
-        count = known.sum(axis=0)
-        expected[taken] = np.add.reduceat(nis_mean(count, estimates.gate), first, axis=0)
-        measured[taken] = np.add.reduceat(count, first, axis=0)
+        numbers = count(known, 0)
+        expected[taken] = np.add.reduceat(nis_mean(numbers, estimates.gate), first, axis=0)
+        measured[taken] = np.add.reduceat(numbers, first, axis=0)
     return nis, expected, measured
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estlab.maths.space import Array, Space
+from estlab.metrics.masked import count, mean, or_nan, total
 from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.scores import (
     LAGS,
@@ -81,8 +82,8 @@ class Tally:
         for name, values in squares.items():
             self.histograms[name] = Histogram(values.shape[:-1])
             self.histograms[name].add(values if name == "anees" else np.sqrt(values))
-        self.moments["bias"] = SampleMoments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
-        self.moments["scaled"] = SampleMoments.of(_mean(scores.scaled, np.isfinite(scores.scaled), 1))
+        self.moments["bias"] = SampleMoments.of(mean(scores.error / scores.sigma, scores.scored, 1))
+        self.moments["scaled"] = SampleMoments.of(mean(scores.scaled, np.isfinite(scores.scaled), 1))
         self.moments["correlation"] = SampleMoments.of(correlations(scores.whitened, LAGS))
         broken = scores.not_finite | scores.not_definite
         return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
@@ -104,12 +105,12 @@ class Tally:
 
     def _squares(self, scores: Scores) -> dict[str, Array]:
         """Each run's mean square errors and ANEES, (..., runs)."""
-        found = {"mean_square": _mean(scores.error**2, scores.scored, 1)}
+        found = {"mean_square": mean(scores.error**2, scores.scored, 1)}
         if scores.distance is not None:
-            found["position_square"] = _mean(scores.distance**2, np.isfinite(scores.distance), 0)
+            found["position_square"] = mean(scores.distance**2, np.isfinite(scores.distance), 0)
         if has_whole(self.space):
-            found["state_square"] = _mean(scores.error**2, scores.scored, (0, 1))
-        found["anees"] = _mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
+            found["state_square"] = mean(scores.error**2, scores.scored, (0, 1))
+        found["anees"] = mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
         return found
 
     def _errors(self, scores: Scores, lapse: Array) -> dict[str, Array]:
@@ -117,10 +118,10 @@ class Tally:
         scored, sized = scores.scored, np.isfinite(scores.nees)
         inside, counted = shares_inside(scores)
         found = {
-            "mean_error": _mean(scores.error, scored, 1),
+            "mean_error": mean(scores.error, scored, 1),
             "median_abs_error": _median(np.where(scored, np.abs(scores.error), np.nan)),
-            "mean_sigma": _mean(scores.sigma, scored, 1),
-            "inside": _mean(inside, counted, 2),
+            "mean_sigma": mean(scores.sigma, scored, 1),
+            "inside": mean(inside, counted, 2),
             "inside_last": np.where(counted[:, :, -1], inside[:, :, -1], np.nan),
             "scored": np.einsum("t,itr->ir", lapse, scored),
             "nees_scored": np.einsum("t,tr->r", lapse, sized),
@@ -137,14 +138,14 @@ class Tally:
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
         """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
-        nees = _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0))
+        nees = total(scores.nees, lawful, 0) / or_nan(total(scores.nees_mean, lawful, 0))
         found = {
             "nees": nees,
             "nees_converged": np.where(scores.diverged, np.nan, nees),
-            "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
-            "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
-            "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
-            "loglik": scores.log_likelihood / _or_nan(scores.measured.sum(axis=0)),
+            "lawful": mean(lawful.astype(float), np.isfinite(scores.nees), 0),
+            "anis": scores.nis.sum(axis=0) / or_nan(scores.measured.sum(axis=0)),
+            "nis": scores.nis.sum(axis=0) / or_nan(scores.nis_mean.sum(axis=0)),
+            "loglik": scores.log_likelihood / or_nan(scores.measured.sum(axis=0)),
         }
         if estimates.sample is not None:
             # A cloud that was without a law at any step is one from which few states have come on.
@@ -153,7 +154,7 @@ class Tally:
         if "ess" in estimates.notes:
             # Of the steps with readings, after which alone weights differ; of all where there are none.
             read = scores.measured > 0 if scores.measured.any() else np.ones(scores.nees.shape, dtype=bool)
-            found["ess"] = _mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
+            found["ess"] = mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
         return found
 
     def _sum(self, scores: Scores, estimates: Estimates) -> None:
@@ -161,21 +162,21 @@ class Tally:
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         squares = scores.error**2
         self.sums = {
-            "scored": scored.sum(axis=-1),
-            "error": _total(scores.error, scored, -1),
-            "square": _total(squares, scored, -1),
-            "quartic": _total(squares**2, scored, -1),
-            "sigma": _total(scores.sigma, scored, -1),
-            "inside": scores.inside(3).sum(axis=-1),
-            "nees": _total(scores.nees, np.isfinite(scores.nees), -1),
-            "nees_runs": np.isfinite(scores.nees).sum(axis=-1),
-            "law_runs": lawful.sum(axis=-1),
-            "law_mean": _total(scores.nees_mean, lawful, -1),
-            "law_variance": _total(scores.nees_variance, lawful, -1),
+            "scored": count(scored, -1),
+            "error": total(scores.error, scored, -1),
+            "square": total(squares, scored, -1),
+            "quartic": total(squares**2, scored, -1),
+            "sigma": total(scores.sigma, scored, -1),
+            "inside": count(scores.inside(3), -1),
+            "nees": total(scores.nees, np.isfinite(scores.nees), -1),
+            "nees_runs": count(np.isfinite(scores.nees), -1),
+            "law_runs": count(lawful, -1),
+            "law_mean": total(scores.nees_mean, lawful, -1),
+            "law_variance": total(scores.nees_variance, lawful, -1),
             "nis": scores.nis.sum(axis=-1),
             "nis_mean": scores.nis_mean.sum(axis=-1),
             "measured": scores.measured.sum(axis=-1),
-            "nis_runs": (scores.measured > 0).sum(axis=-1),
+            "nis_runs": count(scores.measured > 0, -1),
         }
         shape = scores.nees.shape
         self.sums |= {
@@ -201,18 +202,6 @@ class Tally:
     def _most(self) -> int:
         """How many runs' errors are kept."""
         return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
-
-
-def _total(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
-    return np.asarray(np.sum(values, axis=axis, where=where))
-
-
-def _mean(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
-    return _total(values, where, axis) / _or_nan(where.sum(axis=axis))
-
-
-def _or_nan(total: Array) -> Array:
-    return np.where(total > 0, total, np.nan)
 
 
 def _median(values: Array) -> Array:
