@@ -38,6 +38,7 @@ resolvers.register()  # at import: a worker of a sweep unpickles the loader belo
 
 def install() -> None:
     """From now on Hydra composes by what is here, in this process and in those that are given its jobs."""
+    resolvers.register()
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
     hydras_own.Hydra = Hydra  # type: ignore[misc]

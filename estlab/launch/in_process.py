@@ -47,23 +47,23 @@ def hydra_apart() -> Iterator[None]:
     from hydra.core.singleton import Singleton
     from hydra.core.utils import JobRuntime
     from hydra.version import VersionBase
-    from omegaconf.basecontainer import BaseContainer
 
-    from estlab.launch import composition
+    from estlab.launch import resolvers
 
     kinds: tuple[Any, ...] = (GlobalHydra, HydraConfig, JobRuntime, VersionBase)
     with ONE_AT_A_TIME:
         theirs = {kind: Singleton._instances.pop(kind) for kind in kinds if kind in Singleton._instances}
-        resolvers, path = dict(BaseContainer._resolvers), list(sys.path)
+        path = list(sys.path)
         try:
-            with composition.installed():
-                yield
+            with resolvers.registered():
+                from estlab.launch import composition
+
+                with composition.installed():
+                    yield
         finally:
             for kind in kinds:
                 Singleton._instances.pop(kind, None)
             Singleton._instances.update(theirs)
-            BaseContainer._resolvers.clear()
-            BaseContainer._resolvers.update(resolvers)
             sys.path[:] = path
 
 

@@ -23,6 +23,7 @@ from omegaconf.basecontainer import BaseContainer
 
 import estlab
 from estlab.cli.main import main
+from estlab.launch import resolvers
 from tests.conftest import ROOT
 
 TINY = {"scenario": "landmark", "runs": 4, "steps": 12, "plots": False, "report": False}
@@ -195,15 +196,17 @@ def test_a_program_that_uses_hydra_itself_goes_on_with_its_own(tmp_path, monkeyp
     monkeypatch.setattr("hydra._internal.hydra.ConfigLoaderImpl", ConfigLoaderImpl)  # whatever tests before have left
     (tmp_path / "conf").mkdir()
     (tmp_path / "conf/mine.yaml").write_text("a: 1\n")
+    OmegaConf.register_new_resolver("deg", lambda number: "theirs", replace=True)
     with initialize_config_dir(str(tmp_path / "conf"), version_base="1.2"):
         OmegaConf.register_new_resolver("now", lambda pattern: "later", replace=True)
         try:
             for _ in range(2):
                 tiny()
                 assert compose("mine").a == 1
-                assert OmegaConf.create({"b": "${now:x}"}).b == "later"
+                assert OmegaConf.create({"b": "${now:x}, ${deg:1}"}).b == "later, theirs"
         finally:
             OmegaConf.clear_resolver("now")
+            resolvers.register()
 
 
 def test_threads_and_a_running_loop_take_turns():

@@ -91,11 +91,13 @@ def test_an_interruption_ends_a_sweep_in_order(tmp_path):
         os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     thread.start()
     with pytest.raises(KeyboardInterrupt):
-        estlab.sweep("filter=ukf", "seed=range(1,40)", scenario="car", runs=500, sweep={"dir": place})
+        estlab.sweep("filter=ukf", "seed=range(1,30)", scenario="car", runs=100, sweep={"dir": place})
+    signal.signal(signal.SIGINT, before)
     thread.join()
     states = list(estlab.runs(place)["status"])
     assert "running" not in states
-    assert len(states) < 39
+    assert len(states) < 29
     assert (Path(place) / "sweep.csv").is_file()
