@@ -18,8 +18,7 @@ from estlab.api.run import Run
 from estlab.api.words import words_of
 from estlab.errors import EstlabError, UserError, printable
 from estlab.rundir import finished
-from estlab.rundir.layout import TABLE_BYTES
-from estlab.sweeps.table import FAILURES, GROUPS, SWEEP
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP, TABLE_BYTES
 
 if TYPE_CHECKING:
     from pandas import DataFrame

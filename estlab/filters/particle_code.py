@@ -1,4 +1,4 @@
-"""The programs that go over clouds, called on arrays; and the streams that they draw from."""
+"""The programs of clouds, called on arrays; and the streams that they draw from."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property

@@ -81,19 +81,15 @@ class ParticleLoop(Loop):
         if self._refused:
             return None
         try:
-            if (streams := self._streams(generators)) is None:
-                return None
-            code = streams.code
-            loop = Loop(
-                CompiledParticleFilter.of(self.particle_filter, code), self.motion, self.sensor, self.scheme, self.pause
-            )
-            estimates = loop.estimate(record, streams, on_step, watched)
+            if (streams := self._streams(generators)) is not None:
+                filter = CompiledParticleFilter.of(self.particle_filter, streams.code)
+                loop = Loop(filter, self.motion, self.sensor, self.scheme, self.pause)
+                estimates = loop.estimate(record, streams, on_step, watched)
+                return estimates, np.flatnonzero(streams.flags.any(axis=1))
         except UntraceableError as refusal:
             untraceable(refusal, self.insist)
         except (ImportError, OSError) as error:
             no_compiler(error, self.insist)
-        else:
-            return estimates, np.flatnonzero(streams.flags.any(axis=1))
         self._refused = True
         return None
 

@@ -109,6 +109,7 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool, audi
     try:
         with directory.logged():
             unmet = work()
+            directory.sync()
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):
             directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
@@ -116,7 +117,7 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool, audi
     except (Exception, SystemExit) as error:
         audience.on_error(error)
         code = USAGE if isinstance(error, UserError) else FAILED
-        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code, audience)
+        return _ended(directory, "failed", _reason(error, directory.path / rundir.LOG), code, audience)
     else:
         return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK, audience)
     finally:
@@ -130,7 +131,7 @@ def _ended(directory: RunDirectory, state: State, message: str, code: int, audie
     try:
         directory.finish(state, message, code)
     except OSError as error:
-        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
+        message, code = message or _reason(error, directory.path / rundir.LOG), code or FAILED
         audience.on_error(error)
     return audience.complain(message, code) if message else code
 

@@ -36,6 +36,7 @@ class RunDirectory:
         self._began, self._clock = time.time(), time.monotonic()
         self._facts: dict[str, Any] = facts
         self._kept: dict[str, dict[str, str]] = {}
+        self._written: set[str] = set()
         try:
             self._root.mkdir(parents=True, exist_ok=True)
             files.create(self._root, str(self._name / STATUS), status.stamp("running", self._began))
@@ -99,12 +100,19 @@ class RunDirectory:
                 logger.propagate, logging.raiseExceptions = propagate, raise_exceptions
 
     def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
-        """Write a file of the directory; folders in its name are made.
+        """Write a file of the directory; folders in its name are made. :meth:`sync` waits for the disk.
 
         Raises OSError where it cannot be written, and where the directory is no longer the one that was claimed.
         """
         self._must_be_there()
-        return files.write(self._root, str(self._name / name), write)
+        path = files.write(self._root, str(self._name / name), write, sync=False)
+        self._written.add(str(self._name / name))
+        return path
+
+    def sync(self) -> None:
+        """Wait until the disk has all that was written. Raises OSError for what it does not take."""
+        self._must_be_there()
+        files.sync(self._root, sorted(self._written))
 
     def write_text(self, name: str, text: str) -> Path:
         """:meth:`write` for text."""

@@ -8,7 +8,8 @@ anybody up. Errors are OSError with the path of what is wrong.
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePath
 from typing import BinaryIO
@@ -69,17 +70,45 @@ def read(root: Path, name: str, most: int) -> bytes:
         return stream.read(most + 1)
 
 
-def write(root: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file whole or not at all; folders in its name are made. What has its name is replaced, not followed."""
+def write(root: Path, name: str, write: Callable[[BinaryIO], object], sync: bool = True) -> Path:
+    """Write a file whole or not at all; folders in its name are made. What has its name is replaced, not followed.
+
+    sync: whether to wait for the disk; see :func:`sync`.
+    """
     path = root / name
     try:
         with folder(root, PurePath(name).parent, make=True) as within:
-            write_whole(Path(path.name), write, within)
+            write_whole(Path(path.name), write, within, sync)
     except RefusedError:
         raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
     return path
+
+
+def sync(root: Path, names: Iterable[str]) -> None:
+    """Wait until the disk has these files: all at once, since it then has them in one go. Those that are gone are not.
+
+    Raises OSError for the first that the disk does not take.
+    """
+    failures: list[OSError] = []
+
+    def wait_for(name: str) -> None:
+        try:
+            with opened(root, name) as stream:
+                os.fsync(stream.fileno())
+        except (FileNotFoundError, RefusedError):
+            pass
+        except OSError as error:
+            failures.append(OSError(error.errno, error.strerror, str(root / name)))
+
+    threads = [threading.Thread(target=wait_for, args=[name]) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if failures:
+        raise failures[0]
 
 
 def write_text(root: Path, name: str, text: str) -> Path:

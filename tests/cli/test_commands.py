@@ -345,17 +345,15 @@ def test_a_directory_holds_one_run_only(capsys):
 
 
 def test_a_full_disk_is_said_and_the_status_is_failed(monkeypatch, capsys):
-    import estlab.datasets.whole as whole
+    real, calls = os.replace, []
 
-    real, calls = os.fsync, []
-
-    def full(descriptor):
-        calls.append(descriptor)
+    def full(*names, **folders):
+        calls.append(names)
         if len(calls) > 5:
             raise OSError(28, "No space left on device")
-        return real(descriptor)
+        return real(*names, **folders)
 
-    monkeypatch.setattr(whole.os, "fsync", full)
+    monkeypatch.setattr(os, "replace", full)
     assert main(["run", *TINY, "plots=false"]) == 1
     assert "No space left on device; the run is incomplete, make room" in capsys.readouterr().err
     folder = next(Path("runs").glob("*/*_car_ukf"))

@@ -16,6 +16,8 @@ from tests.cli.sweeping import status, wait_for
 from tests.cli.test_sweep_faults import lives
 from tests.conftest import ROOT, composed
 
+pytestmark = pytest.mark.slow
+
 WORDS = ["scenario=field", "filter=[ekf,pf]", "filters.pf.particles=40", "runs=21", "steps=10"]
 WORDS += ["block_runs=3", "keep_runs=4", "plots=false", "report=false"]
 LONG = ["scenario=landmark", "filter=ekf", "runs=100000", "plots=false", "report=false", "cores=3"]

@@ -11,6 +11,8 @@ from estlab.cli.main import main
 from estlab.launch.arguments import prepared
 from tests.conftest import ROOT, composed, options
 
+pytestmark = pytest.mark.slow
+
 KNOWN = {name: sets for name in options("experiment") if (sets := composed(f"+experiment={name}")["expect_files"])}
 FOLDERS = {"epuck": "epuck", "field": "field", "landmark": "me469_ds1"}
 

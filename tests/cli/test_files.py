@@ -11,6 +11,8 @@ import pytest
 from estlab.cli.main import main
 from tests.conftest import options
 
+pytestmark = pytest.mark.slow
+
 LAYOUT = {
     "landmark": {"Odometry.dat", "Measurement.dat", "Groundtruth.dat", "Landmark_Groundtruth.dat", "Barcodes.dat"},
     "car": {"problem3data.mat", "problem3truth.mat"},

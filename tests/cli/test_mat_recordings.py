@@ -13,6 +13,8 @@ from estlab.cli.main import main
 from tests.cli.test_files import archived, run, save, simulate, structs
 from tests.cli.test_recordings import assert_same, estimates
 
+pytestmark = pytest.mark.slow
+
 TRUTH = {"car": ("problem3truth.mat", "car", 6), "sonar": ("problem4truth.mat", "robot", 3)}
 DATA = {"car": "problem3data.mat", "sonar": "problem4data.mat"}
 

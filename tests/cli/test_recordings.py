@@ -10,6 +10,8 @@ import pytest
 from estlab.cli.main import main
 from tests.cli.test_files import LAYOUT, replace_line, run, simulate
 
+pytestmark = pytest.mark.slow
+
 
 def lines(name: str) -> list[str]:
     return Path("made", name).read_text().splitlines()

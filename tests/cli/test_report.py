@@ -16,6 +16,8 @@ from estlab.cli.main import main
 from estlab.report import page
 from tests.html import Page
 
+pytestmark = pytest.mark.slow
+
 TINY = ["runs=4", "steps=15"]
 RUN_FILES = ["config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt", "metrics.csv", "tests.csv"]
 RUN_FILES += ["verdicts.csv", "coverage.csv", "comparison.csv", "expectations.csv", "radar.csv"]

@@ -12,6 +12,8 @@ from tests.cli.sweeping import rows, status, sweep, table, wait_for
 from tests.cli.test_engines import dask
 from tests.cli.test_sweep_faults import started
 
+pytestmark = pytest.mark.slow
+
 # Seven blocks a job, of which the first holds the four runs that are kept.
 WORDS = ["scenario=field", "runs=21", "steps=10", "block_runs=3", "keep_runs=4", "plots=false"]
 THREE = "sweep.split_runs=3"

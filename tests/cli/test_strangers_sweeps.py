@@ -10,6 +10,8 @@ from estlab.cli.main import main
 from estlab.rundir import files
 from tests.cli.sweeping import TINY, rows, sweep, table
 
+pytestmark = pytest.mark.slow
+
 JOB = "1_landmark_ekf"
 
 

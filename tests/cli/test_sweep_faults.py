@@ -21,6 +21,8 @@ from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 

@@ -11,6 +11,8 @@ from estlab.cli.main import main
 from estlab.experiment import experiment
 from tests.cli.sweeping import TINY, job_folders, rows, sweep, table
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def failing(monkeypatch):

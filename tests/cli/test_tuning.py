@@ -16,6 +16,8 @@ from tests.cli.test_engines import needs
 from tests.cli.test_sweep_faults import started
 from tests.html import Page
 
+pytestmark = pytest.mark.slow
+
 optuna = needs("optuna", "optuna")
 Q, R = "noise.filter.process_scale", "noise.filter.measurement_scale"
 SMALL = ["hydra/sweeper=optuna", "scenario=landmark", "filter=ekf", "runs=4", "scenario.duration=1"]

@@ -10,6 +10,8 @@ import estlab.cli.verify
 from estlab.cli.main import main
 from estlab.filters.engine import CompiledLoop
 
+pytestmark = pytest.mark.slow
+
 TINY = ["scenario=landmark", "filter=ekf", "runs=3", "steps=12", "plots=false"]
 
 EXPERIMENT = """\

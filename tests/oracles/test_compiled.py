@@ -22,6 +22,8 @@ from tests.compiled import assert_same, by_both, estimated, with_readings
 from tests.conftest import options, settings
 from tests.plugins.constant_velocity import Cart
 
+pytestmark = pytest.mark.slow
+
 LANDMARK = ("scenario=landmark", "steps=40", "runs=3")
 CAR = ("scenario=car", "steps=12", "runs=2")
 FIELD = ("scenario=field", "steps=40", "runs=3")
