@@ -29,15 +29,16 @@ def run(
     progress: Progress | None = None,
     show: Show | None = None,
 ) -> list[Finding]:
-    """Compute, write every file of the directory but its configuration and status, and show the result.
+    """Compute, write every file of the directory except its configuration and status, and show the result.
 
-    Returns what was found of what was expected. A statistic, table or picture that cannot be made is said and missing.
+    Returns the findings about expectations. A statistic, table or picture that cannot be made is missing, with a
+    remark.
 
     progress: see :func:`compute`; None: a bar on the terminal. show: is given the result and where it was written;
     None: prints the summary.
 
-    Raises UserError for data that cannot be used, OSError for a disk that cannot be written, IncompleteError if
-    metrics.csv or estimates.npz, or a filter's errors, are missing, all else being kept.
+    Raises UserError for invalid data, OSError for a disk that cannot be written, IncompleteError if metrics.csv,
+    estimates.npz or a filter's errors are missing; everything else is kept.
     """
     names, filters, runs = settings.names, settings.filters, settings.run_numbers
     directory.describe(
@@ -55,7 +56,7 @@ def run(
         directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
     result = compute(settings, directory.describe, progress)
-    directory.keep_sources(settings.plugins)  # what was imported on the way
+    directory.keep_sources(settings.plugins)  # modules that were imported on the way
     write(result, directory)
     (show or _print)(result, _short(directory.path))
     directory.describe(missing=result.attempts.missing)
@@ -64,7 +65,7 @@ def run(
 
 
 def _print(result: Result, where: Path) -> None:
-    """Tables, verdicts and remarks, the path, and what was expected."""
+    """Tables, verdicts and remarks, the path, and the expectations."""
     attempts, findings = result.attempts, result.findings
     attempts.put(
         "tables on the terminal",
@@ -81,6 +82,6 @@ def _print(result: Result, where: Path) -> None:
 
 
 def _short(path: Path) -> Path:
-    """Relative to where the user stands, if it is below."""
+    """The path relative to the current folder, if it is below it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
