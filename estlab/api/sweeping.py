@@ -19,8 +19,8 @@ from estlab.api.run import Run
 from estlab.api.words import words_of
 from estlab.errors import EstlabError, UserError, printable
 from estlab.rundir import finished
-from estlab.rundir.layout import TABLE_BYTES
-from estlab.sweeps.table import FAILURES, GROUPS, SWEEP, VERDICT
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP, TABLE_BYTES
+from estlab.sweeps.table import VERDICT
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -15,9 +15,9 @@ from typing import Any
 from estlab.cli.parser import Checked, Parser
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED, OK, complain
+from estlab.rundir.layout import LOCK, PLAN, STATUS
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
-_PLAN, _LOCK = "sweep.json", ".lock"  # of a sweep's directory
 
 
 class CleanOptions(argparse.Namespace):
@@ -112,7 +112,7 @@ def _read(arguments: Sequence[str]) -> CleanOptions:
         raise UserError(f"estlab clean takes one folder of runs, got {', '.join(map(str, options.folders))}")
     if not options.folder.is_dir():
         raise UserError(f"{options.folder}: there is no such folder of runs")
-    if is_run(options.folder) or (options.folder / _PLAN).exists():
+    if is_run(options.folder) or (options.folder / PLAN).exists():
         raise UserError(f"{options.folder}: is a run or sweep itself; name the folder that it is in")
     return options
 
@@ -136,7 +136,7 @@ def _found(folder: Path, depth: int = 0) -> "list[RunFolder]":
 
     found: list[RunFolder] = []
     for path in folders_in(folder) if depth < 6 else []:
-        if (path / _PLAN).is_file():
+        if (path / PLAN).is_file():
             found.append(_sweep(path))
         elif is_run(path):
             found.append(_run(path))
@@ -183,7 +183,7 @@ def _locked(sweep: Path) -> bool:
     from estlab.rundir import files
 
     try:
-        with files.opened(sweep, _LOCK) as stream:
+        with files.opened(sweep, LOCK) as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False
@@ -196,11 +196,11 @@ def _stamp(status: dict[str, Any], path: Path) -> float:
     """When a run ended, or else began; the age of its status file where it does not say."""
     with contextlib.suppress(ValueError, TypeError, OverflowError, OSError):
         return datetime.fromisoformat(status.get("ended") or status["began"]).timestamp()
-    return (path / "status.json").stat().st_mtime
+    return (path / STATUS).stat().st_mtime
 
 
 def _statuses(path: Path) -> list[Path]:
-    return [Path(folder) for folder, _, files in os.walk(path) if "status.json" in files]
+    return [Path(folder) for folder, _, files in os.walk(path) if STATUS in files]
 
 
 def _chosen(there: Sequence[RunFolder], options: CleanOptions) -> list[tuple[RunFolder, str]]:
@@ -222,7 +222,7 @@ def _chosen(there: Sequence[RunFolder], options: CleanOptions) -> list[tuple[Run
 def _delete(one: RunFolder, folder: Path) -> str:
     """Delete a directory and the empty ones that it leaves in the folder; why it could not be, if so."""
     inside = one.path.resolve().is_relative_to(folder.resolve()) and one.path.resolve() != folder.resolve()
-    again = _sweep(one.path) if (one.path / _PLAN).is_file() else _run(one.path)
+    again = _sweep(one.path) if (one.path / PLAN).is_file() else _run(one.path)
     if not inside or one.path.is_symlink() or again.stays or again.state != one.state:
         return f"{one.path}: has changed since it was listed, and stays"
     try:

@@ -71,11 +71,11 @@ def compare(arguments: Sequence[str]) -> int:
         complain(line)
     if not rows:
         return complain("there is no run that can be compared", FAILED)
-    from estlab.comparison.differences import unlike
+    from estlab.comparison.differences import mismatches
     from estlab.comparison.pairing import pairs
 
     metrics = comparing.chosen_metrics(rows, options.metric)
-    for line in unlike(rows, metrics):
+    for line in mismatches(rows, metrics):
         complain(f"warning: {line}")
     components = [component for name, component in metrics if name == "rmse"]
     against = comparing.number_of(rows, options.against)
@@ -109,25 +109,25 @@ def _show(
     metrics: "Sequence[Metric]",
     components: Sequence[str],
     against: int,
-    compared: "dict[str, Pair]",
+    pairs: "dict[str, Pair]",
 ) -> None:
     """Every output but the picture."""
     from estlab.datasets.whole import write_whole
-    from estlab.report import compared as shown
+    from estlab.report import compared
     from estlab.report.console import print_line
 
-    write = partial(shown.write, shown.lines(rows, metrics, against, compared, components))
+    write = partial(compared.write, compared.lines(rows, metrics, against, pairs, components))
     if options.csv == _STDOUT:
         sys.stdout.flush()
         write(sys.stdout.buffer)
         return
     if options.csv:
         write_whole(options.csv, write)
-    differences = shown.differences_grid(rows, against, compared, components)
-    for grid in (shown.metrics_grid(rows, metrics), differences):
+    differences = compared.differences_grid(rows, against, pairs, components)
+    for grid in (compared.metrics_grid(rows, metrics), differences):
         if grid:
             _print(grid, options)
-    for line in shown.not_paired(rows, against, compared):
+    for line in compared.not_paired(rows, against, pairs):
         if options.md or options.latex:
             complain(line)
         else:

@@ -103,8 +103,8 @@ def _dispatch(arguments: list[str]) -> int:
         return _complete(rest)
     try:
         return _COMMANDS[command](rest) if command in _COMMANDS else _other(command)
-    except SystemExit as shown:  # what argparse ends by once it has shown a help
-        return int(shown.code or OK)
+    except SystemExit as done:  # what argparse ends by once it has shown a help
+        return int(done.code or OK)
 
 
 def _other(command: str) -> int:

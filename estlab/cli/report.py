@@ -56,5 +56,5 @@ def folders(begun: str) -> list[str]:
         found = sorted(path.name for path in Path(above + slash or ".").iterdir() if path.is_dir())
     except OSError:
         return []
-    shown = [name for name in found if name.startswith(begins) and (begins or not name.startswith("."))]
-    return [f"{above}{slash}{name}/" for name in shown]
+    matching = [name for name in found if name.startswith(begins) and (begins or not name.startswith("."))]
+    return [f"{above}{slash}{name}/" for name in matching]

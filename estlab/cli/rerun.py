@@ -220,9 +220,9 @@ def _compare(before: "Finished", now: "Finished") -> int:
     except UserError as error:
         return complain(f"the figures cannot be compared: {error}", FAILED)
     largest = found[0].relative if found else 0.0
-    for bound, said in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
+    for bound, precision in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
         if largest <= bound:
-            print_line(f"the figures are those of {before.path}: identical {said}")
+            print_line(f"the figures are those of {before.path}: identical {precision}")
             break
     else:
         grids.show(_table(found))

@@ -144,8 +144,8 @@ def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
         outcome.folder = Path(str(config.output)) / stamp
         return run_job(["estlab", "run", *words], config, outcome.findings.extend)
 
-    said = io.StringIO()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+    errors = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
         try:
             outcome.code = launch([*words, f"hydra.run.dir=${{output}}/{stamp}/{name}"], job)
         except UserError as error:
@@ -154,7 +154,7 @@ def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
         outcome.code = FAILED
         outcome.error = "it has no expectations" + " of this recording" * other_data(words)
     elif outcome.code != OK and all(finding.met for finding in outcome.findings):
-        outcome.error = said.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
+        outcome.error = errors.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
     return outcome
 
 

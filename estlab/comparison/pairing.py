@@ -64,8 +64,8 @@ def pairs(
         for label, fair, level in zip(tested, holm(p_values), judged_at(p_values), strict=True):
             one = found[label]
             difference = one.differences[component].found
-            shown = widened(difference, level) if np.isfinite(level) else difference
-            fairer = {component: replace(one.differences[component], p_holm=float(fair), found=shown)}
+            as_judged = widened(difference, level) if np.isfinite(level) else difference
+            fairer = {component: replace(one.differences[component], p_holm=float(fair), found=as_judged)}
             found[label] = replace(one, differences={**one.differences, **fairer})
     return found, unread
 

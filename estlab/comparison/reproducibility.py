@@ -51,7 +51,7 @@ def deviations(before: Path, now: Path) -> list[Deviation]:
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """What run.json says of the two that is not the same: versions, commit, machine, source of plugins. A line each."""
     found = [
-        f"{name} {_said(old)} before, {_said(new)} now"
+        f"{name} {_or_unknown(old)} before, {_or_unknown(new)} now"
         for name, old, new in _provenance(before, now)
         if old != new and not (name.startswith("git") and old is None)
     ]
@@ -89,7 +89,7 @@ def _part(facts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return part if isinstance(part, Mapping) else {}
 
 
-def _said(value: object) -> str:
+def _or_unknown(value: object) -> str:
     return "unknown" if value is None else str(value)[:80]
 
 

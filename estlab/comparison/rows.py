@@ -77,10 +77,10 @@ def labelled(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
 
 def short(value: object) -> str:
     """A value as it is typed, cut where it is long."""
-    said = f"{value:g}" if isinstance(value, float) else str(value)
+    text = f"{value:g}" if isinstance(value, float) else str(value)
     if value is None or isinstance(value, bool):
-        said = {None: "null", True: "true", False: "false"}[value]
-    return said if len(said) <= _LONGEST else f"{said[: _LONGEST - 1]}…"
+        text = {None: "null", True: "true", False: "false"}[value]
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
 def flat(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -15,7 +15,10 @@ from estlab.compiled.routines import Routine, slots
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
-_IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
+# Numbers of a group's beliefs: they stay in the nearest cache if it holds so many vectors, else in the next, since of
+# fewer the rows of a history are written in stretches too short.
+_NEAREST, _NEXT = 2048, 16384
+_VECTORS = 16
 MOST_OPERATIONS = 25_000
 
 # What a program is given, in this order, as 64 bits each: addresses and numbers.
@@ -142,7 +145,7 @@ def _functions(
 
 
 def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
-    together = max(1, _IN_CACHE // (slots(n) * lanes))
+    together = _together(n, lanes)
     lines = [*emit.declarations(lanes), *functions, "define void @run(ptr %fields) #0 {", "entry:"]
     for i, name in enumerate(FIELDS):
         kind = "ptr" if name in _POINTERS else "i64"
@@ -270,4 +273,10 @@ def _recorded(v: str, k: str, call: str, array: str = "") -> list[str]:
 
 def room(n: int, lanes: int) -> int:
     """How many numbers the beliefs of a group take."""
-    return max(1, _IN_CACHE // (slots(n) * lanes)) * slots(n) * lanes
+    return _together(n, lanes) * slots(n) * lanes
+
+
+def _together(n: int, lanes: int) -> int:
+    """How many vectors a group has."""
+    near, further = (numbers // (slots(n) * lanes) for numbers in (_NEAREST, _NEXT))
+    return near if near >= _VECTORS else max(1, further)

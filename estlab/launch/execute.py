@@ -97,7 +97,7 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool) -> i
         raise
     except (Exception, SystemExit) as error:
         code = USAGE if isinstance(error, UserError) else FAILED
-        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
+        return _ended(directory, "failed", _reason(error, directory.path / rundir.LOG), code)
     else:
         return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
     finally:
@@ -111,7 +111,7 @@ def _ended(directory: RunDirectory, state: State, message: str, code: int) -> in
     try:
         directory.finish(state, message, code)
     except OSError as error:
-        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
+        message, code = message or _reason(error, directory.path / rundir.LOG), code or FAILED
     return complain(message, code) if message else code
 
 

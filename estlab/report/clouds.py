@@ -10,13 +10,13 @@ from estlab.report.figures import (
     WIDTH,
     cornered,
     drawable,
+    escaped,
     headed,
     labelled,
     legend_below,
     line,
     named,
     new_figure,
-    said,
     short,
 )
 from estlab.report.palette import TRUTH, colours
@@ -57,7 +57,7 @@ def draw_clouds(
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
     for part, (place, what) in zip(parts, rows.items(), strict=True):
         known = f", RMSE {error[place]:.3g} {space.units[at[0]]}" if np.isfinite(error[place]) else ""
-        part.suptitle(said(f"run {arrays['run'][place]}, {what} of {error.size} kept{known}"), fontsize="medium")
+        part.suptitle(escaped(f"run {arrays['run'][place]}, {what} of {error.size} kept{known}"), fontsize="medium")
         panels = part.subplots(2, across, sharex=True, sharey=True, squeeze=False).ravel()
         truth = drawable(arrays["truth"][at, :, place])
         mean = drawable(path_of(arrays, name, filters, "mean")[at, :, place])
@@ -124,12 +124,12 @@ def draw_repeats(arrays: dict[str, Array], filters: Sequence[str], space: Space,
 
     Where the truth is not known, how far from the mean of the runs. A row a filter.
     """
-    shown = list(filters[:_FILTERS])
+    drawn = list(filters[:_FILTERS])
     count = arrays["run"].size
-    figure, panels = new_figure(len(shown), f"{title} · {count} runs over one recording", 3.4, columns=2, shared=False)
+    figure, panels = new_figure(len(drawn), f"{title} · {count} runs over one recording", 3.4, columns=2, shared=False)
     at = list(space.position[:2]) or [0]
     truth = drawable(arrays["truth"][..., :1])
-    for row, name in enumerate(shown):
+    for row, name in enumerate(drawn):
         colour = colours(filters)[name]
         left, right = panels[2 * row : 2 * row + 2]
         mean = drawable(path_of(arrays, name, filters, "mean"))

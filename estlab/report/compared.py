@@ -32,8 +32,8 @@ def metrics_grid(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> Gr
         [str(number), row.label, *(_cell(row, metric, len(units[metric]) > 1) for metric in metrics)]
         for number, row in enumerate(rows, 1)
     ]
-    shown = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
-    return Grid(_title(rows), [headings[i] for i in shown], [[line[i] for i in shown] for line in lines], 2)
+    filled = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
+    return Grid(_title(rows), [headings[i] for i in filled], [[line[i] for i in filled] for line in lines], 2)
 
 
 def differences_grid(

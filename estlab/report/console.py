@@ -48,14 +48,14 @@ def progress(what: str) -> Iterator[Callable[[int], Callable[[int], None]]]:
 
         def begin(total: int) -> Callable[[int], None]:
             task = bar.add_task(what, total=total)
-            done, shown = 0, time.monotonic()
+            done, updated = 0, time.monotonic()
 
             def count(steps: int) -> None:
-                nonlocal done, shown
+                nonlocal done, updated
                 done += steps
-                if time.monotonic() - shown > _EVERY:
+                if time.monotonic() - updated > _EVERY:
                     bar.update(task, completed=done)
-                    shown = time.monotonic()
+                    updated = time.monotonic()
 
             return count
 

@@ -38,7 +38,7 @@ def new_figure(
     return figure, list(panels)
 
 
-def said(text: str) -> str:
+def escaped(text: str) -> str:
     """A name as it is drawn: a dollar begins no formula, and what cannot be seen is no glyph."""
     return printable(text).replace("$", r"\$")
 
@@ -47,19 +47,19 @@ def short(text: str, most: int = _LABEL) -> str:
     """A name as it is drawn where there is little room; matplotlib leaves out a label that begins with a bar below."""
     text = " ".join(printable(text).split())
     text = text if len(text) <= most else f"{text[: most - 2]} …"
-    return said(f" {text}" if text.startswith("_") else text)
+    return escaped(f" {text}" if text.startswith("_") else text)
 
 
 def headed(figure: "Figure", title: str) -> None:
     """A title over all panels, in as many lines as it needs."""
     lines = textwrap.wrap(printable(title), 90, max_lines=6, placeholder=" …")
-    figure.suptitle("\n".join(map(said, lines)), fontsize="large")
+    figure.suptitle("\n".join(map(escaped, lines)), fontsize="large")
 
 
 def labelled(name: str, unit: str, letters: int = 40, lines: int = 1) -> str:
     """A quantity and its unit as they stand at an axis, the name in no more lines of so many letters."""
     parts = textwrap.wrap(printable(name), letters, max_lines=lines, placeholder=" …")
-    return "\n".join(map(said, parts)) + (f" [{said(unit)}]" if unit else "")
+    return "\n".join(map(escaped, parts)) + (f" [{escaped(unit)}]" if unit else "")
 
 
 def named(axes: "Axes", name: str, unit: str) -> None:
@@ -79,7 +79,7 @@ def cornered(axes: "Axes", text: str) -> None:
     if text:
         style: dict[str, Any] = {"ha": "left", "va": "top", "fontsize": "x-small", "zorder": 9}
         box = {"facecolor": "white", "alpha": 0.7, "lw": 0, "pad": 1.5}
-        axes.text(0.01, 0.96, said(text), transform=axes.transAxes, bbox=box, **style)
+        axes.text(0.01, 0.96, escaped(text), transform=axes.transAxes, bbox=box, **style)
 
 
 def logarithmic(axis: "Axis", low: float, high: float) -> None:
@@ -139,8 +139,8 @@ def telling(values: Array) -> Array:
 
 def line(axes: "Axes", columns: Mapping[str, Array], key: str, **style: Any) -> None:
     """A column over time, by as many points as can be seen."""
-    shown = telling(columns[key])
-    axes.plot(columns["time"][shown], drawable(columns[key][shown]), **style)
+    kept = telling(columns[key])
+    axes.plot(columns["time"][kept], drawable(columns[key][kept]), **style)
 
 
 def drawable(values: Array) -> Array:

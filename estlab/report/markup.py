@@ -24,7 +24,7 @@ Content = str | None | Iterable["Content"]
 class Cell(NamedTuple):
     """What a cell shows, and the number that it is sorted by."""
 
-    shown: str
+    text: str
     number: float = float("nan")
 
 
@@ -72,7 +72,7 @@ def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str | C
 def _cell(cell: Cell, right: bool, first: bool) -> Html:
     number = repr(float(cell.number)) if cell.number == cell.number else None
     name, scope = ("th", "row") if first else ("td", None)
-    return tag(name, cell.shown, scope=scope, class_="number" if right else None, data_number=number)
+    return tag(name, cell.text, scope=scope, class_="number" if right else None, data_number=number)
 
 
 def section(name: str, heading: str, *content: Content) -> Html:
@@ -80,9 +80,9 @@ def section(name: str, heading: str, *content: Content) -> Html:
     return tag("section", tag("h2", heading, id=f"{name}-heading"), content, id=name, aria_labelledby=f"{name}-heading")
 
 
-def note(said: str) -> Html:
+def note(remark: str) -> Html:
     """A remark on what is not there; nothing for nothing."""
-    return tag("p", said, class_="note") if said else Html()
+    return tag("p", remark, class_="note") if remark else Html()
 
 
 def folded(summary: str, *content: Content) -> Html:
@@ -90,6 +90,6 @@ def folded(summary: str, *content: Content) -> Html:
     return tag("details", tag("summary", summary), content)
 
 
-def link(path: str, shown: str | None = None) -> Html:
+def link(path: str, label: str | None = None) -> Html:
     """A link to a file below the page. The dot keeps a name such as javascript: from being a scheme."""
-    return tag("a", shown or path, href="./" + quote(path, safe="/", errors="replace"))
+    return tag("a", label or path, href="./" + quote(path, safe="/", errors="replace"))

@@ -56,10 +56,10 @@ def status_of(contents: Contents) -> Html:
     except UnusableError as unusable:
         word, error = "unknown", str(unusable)
     took = as_number(str(record.get("wall_time_s")))
-    said = [str(record["began"])[:19].replace("T", " ")] if "began" in record else []
-    said += [f"{took:.3g} s"] if took == took else []
-    said += [f"estlab {record['estlab']}"] if "estlab" in record else []
-    line = tag("p", sections.status(word), " ", tag("span", " · ".join(said), class_="facts"))
+    facts = [str(record["began"])[:19].replace("T", " ")] if "began" in record else []
+    facts += [f"{took:.3g} s"] if took == took else []
+    facts += [f"estlab {record['estlab']}"] if "estlab" in record else []
+    line = tag("p", sections.status(word), " ", tag("span", " · ".join(facts), class_="facts"))
     return join([line, tag("p", error, class_="error") if error else None])
 
 

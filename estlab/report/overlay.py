@@ -128,11 +128,11 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: tuple[str, str], label: str) -> None:
-    shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
-    values = np.minimum(shown[column], 1e99)  # the largest that a picture's coordinates hold
+    broken = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
+    values = np.minimum(broken[column], 1e99)  # the largest that a picture's coordinates hold
     colour, dash = style
     drawn = np.where(values > 0.0, values, np.nan)
-    axes.plot(shown["time"], drawn, dash, color=colour, lw=1.1, label=short(label, 90))
+    axes.plot(broken["time"], drawn, dash, color=colour, lw=1.1, label=short(label, 90))
 
 
 def _scale(axes: "Axes") -> None:

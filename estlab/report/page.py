@@ -10,9 +10,10 @@ from estlab.errors import UserError
 from estlab.report.contents import Contents
 from estlab.report.markup import text
 from estlab.report.run_page import run_page
-from estlab.report.sections import REPORT, Page
-from estlab.report.sweep_page import PLAN, SWEEP, sweep_page
+from estlab.report.sections import Page
+from estlab.report.sweep_page import sweep_page
 from estlab.rundir.files import write_text
+from estlab.rundir.layout import PLAN, REPORT, SWEEP
 
 _HERE = Path(__file__).parent
 

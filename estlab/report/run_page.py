@@ -97,16 +97,16 @@ class _Run:
         filter, word = row.get("filter", ""), row.get("word", "")
         kind, sign = {CONSISTENT: ("good", "✓"), UNDECIDED: ("doubt", "?")}.get(word, ("bad", "✗"))
         badge = tag("span", f"{sign} {word}", class_=f"word {kind}")
-        said = tag("p", tag("strong", filter), f" is {row.get('sentence', '')}")
-        return tag("li", badge, said, note("" if word == LOST else self._diverged(filter)))
+        sentence = tag("p", tag("strong", filter), f" is {row.get('sentence', '')}")
+        return tag("li", badge, sentence, note("" if word == LOST else self._diverged(filter)))
 
     def _diverged(self, filter: str) -> str:
         row = self.found.get((filter, "diverged", "all"))
         if row is None:
             return ""
         causes = [(cause.replace("_", " "), self.found.get((filter, cause, "all"))) for cause in CAUSES]
-        why = [f"{figure_cell(found).shown} {cause}" for cause, found in causes if found and as_number(found["value"])]
-        return f"{figure_cell(row).shown} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
+        why = [f"{figure_cell(found).text} {cause}" for cause, found in causes if found and as_number(found["value"])]
+        return f"{figure_cell(row).text} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
 
     def warnings(self) -> Html:
         return tag("ul", [tag("li", line) for line in sections.warnings(self.contents)])
@@ -191,7 +191,7 @@ class _Run:
                 rows[-1] += [share_cell(at.get(sigma), "share"), share_interval_cell(at.get(sigma))]
         headings = ["component", *self.filter, "when"]
         for sigma, nominal in sigmas:
-            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).shown})", INTERVAL]
+            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).text})", INTERVAL]
         caption = "Shares within 1, 2 and 3 sigma; in brackets what a consistent filter has; all: jointly"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 

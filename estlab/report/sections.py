@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 from estlab import rundir
 from estlab.report.contents import Contents, UnusableError, size
 from estlab.report.markup import Cell, Html, folded, join, link, note, section, table, tag
-
-REPORT = "report.html"
+from estlab.rundir.layout import OUTPUT, REPORT
 
 _LOG_BYTES = 2**17
 _WARNINGS = 50
 _LONG = 2000  # characters of a fact that are shown
-# What a sweep's job says on its terminal, which goes on after the page.
-_GROWING = "output.txt"
 
 _PLOTS = {
     "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, a panel a component",
@@ -72,11 +69,11 @@ def plots(contents: Contents, title: str) -> Html:
     for name in dict.fromkeys([*known, *found]):
         content = found[name]
         stem = name.removesuffix(".png")
-        said = _PLOTS.get(stem, stem.replace("_", " "))
+        caption = _PLOTS.get(stem, stem.replace("_", " "))
         width, height = struct.unpack(">II", content[16:24].ljust(8, b"\0"))
         source = f"data:image/png;base64,{b64encode(content).decode()}"
-        image = tag("img", src=source, alt=f"{said}: {title}", width=str(width), height=str(height))
-        figures.append(tag("figure", image, tag("figcaption", said)))
+        image = tag("img", src=source, alt=f"{caption}: {title}", width=str(width), height=str(height))
+        figures.append(tag("figure", image, tag("figcaption", caption)))
     if not found and not remarks:
         return note("There are no plots in this directory. plots=true draws them.")
     return join([tag("div", figures, class_="plots"), [note(remark) for remark in remarks]])
@@ -104,18 +101,18 @@ def facts(record: Mapping[str, Any], caption: str) -> Html:
     rows = []
     for key, value in record.items():
         parts = value.items() if isinstance(value, dict) else [(None, value)]
-        rows += [(f"{key}.{part}" if part is not None else key, _said(content)) for part, content in parts]
+        rows += [(f"{key}.{part}" if part is not None else key, _as_text(content)) for part, content in parts]
     return tag("div", table(caption, ("fact", "value"), rows), class_="prose")
 
 
-def _said(value: Any) -> str:
+def _as_text(value: Any) -> str:
     if isinstance(value, str):
-        said = value
+        text = value
     elif isinstance(value, list) and all(isinstance(word, str) for word in value):
-        said = " ".join(value)
+        text = " ".join(value)
     else:
-        said = json.dumps(value, ensure_ascii=False)
-    return said if len(said) <= _LONG else said[:_LONG] + " ..."
+        text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _LONG else text[:_LONG] + " ..."
 
 
 def files(contents: Contents, held: Mapping[str, str]) -> Html:
@@ -123,7 +120,7 @@ def files(contents: Contents, held: Mapping[str, str]) -> Html:
     rows = []
     for name, count in contents.files(rundir.PLOTS, rundir.PLUGINS):
         if name != REPORT:
-            weight = Cell("") if name == _GROWING else Cell(size(count), count)
+            weight = Cell("") if name == OUTPUT else Cell(size(count), count)
             usual = "source of a plugin's module" if name.startswith(f"{rundir.PLUGINS}/") else ""
             usual = "a picture" if name.endswith(".png") else usual
             rows.append((link(name), held.get(name, usual), weight))

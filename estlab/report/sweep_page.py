@@ -10,9 +10,7 @@ from estlab.report import sections
 from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
-
-PLAN, SWEEP, GROUPS, FAILURES = "sweep.json", "sweep.csv", "groups.csv", "failures.csv"
-TUNING = "tuning.csv"
+from estlab.rundir.layout import FAILURES, GROUPS, PLAN, REPORT, SWEEP, TUNING
 
 _HELD = {
     PLAN: "the plan: the words typed and the jobs",
@@ -128,14 +126,14 @@ class _Sweep:
             (self._job(row.get("job", "")), row.get("error", ""), row.get("status", ""), _value(row.get("attempt", "")))
             for row in found.rows
         ]
-        shown = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
-        return join([tag("div", shown, class_="prose"), note(found.remark)])
+        failed = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
+        return join([tag("div", failed, class_="prose"), note(found.remark)])
 
     def _job(self, name: str) -> Html:
         """A job's name, linked to its own page or to its directory, if it has one."""
         if not self.contents.is_folder(name):
             return join(name)
-        page = f"{name}/{sections.REPORT}"
+        page = f"{name}/{REPORT}"
         return link(page if self.contents.has(page) else f"{name}/", name)
 
 
@@ -174,4 +172,4 @@ def _metrics(row: CsvRow, columns: list[str], figures: list[str]) -> list[Cell]:
 
 def _value(text: str) -> Cell:
     """A swept value as it was typed, sorted as a number if it is one."""
-    return number_cell(text)._replace(shown=text)
+    return number_cell(text)._replace(text=text)

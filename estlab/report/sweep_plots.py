@@ -11,7 +11,7 @@ import numpy as np
 from estlab import rundir
 from estlab.metrics.vocabulary import column_heading
 from estlab.report.components import chosen, selection
-from estlab.report.figures import png, said, short
+from estlab.report.figures import escaped, png, short
 from estlab.report.palette import curves
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _drawn(
         figure = draw_curves(table, columns, keys[0], series, units)
     else:
         figure = draw_points(table, columns, series, units)
-    figure.suptitle(textwrap.fill(said(title), int(10 * figure.get_figwidth())), fontsize=9)
+    figure.suptitle(textwrap.fill(escaped(title), int(10 * figure.get_figwidth())), fontsize=9)
     return png(figure)
 
 
@@ -113,7 +113,7 @@ def draw_curves(
         _label(axes, column, units)
         _key_scale(axes, table[key])
         _value_scale(axes, table[column])
-    panels[-1].set_xlabel(said(key))
+    panels[-1].set_xlabel(escaped(key))
     _legend(figure, panels[0], series)
     return figure
 
@@ -166,9 +166,9 @@ def draw_maps(
             if axes in grid[0] and name:
                 axes.set_title(short(name, 30), fontsize=10)
             if axes in grid[-1]:
-                axes.set_xlabel(said(across))
-        row[0].set_ylabel(said(down))
-        figure.colorbar(image, ax=list(row), label=said(column_heading(column, units.get(column, ""))))
+                axes.set_xlabel(escaped(across))
+        row[0].set_ylabel(escaped(down))
+        figure.colorbar(image, ax=list(row), label=escaped(column_heading(column, units.get(column, ""))))
     return figure
 
 
@@ -191,7 +191,7 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
-    axes.set_ylabel(textwrap.fill(said(column_heading(column, units.get(column, ""))), 20))
+    axes.set_ylabel(textwrap.fill(escaped(column_heading(column, units.get(column, ""))), 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estlab.report.figures import said, short
+from estlab.report.figures import escaped, short
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,8 +40,8 @@ def draw(path: Path, keys: "Sequence[str]", objective: str) -> "Figure":
         axes = figure.add_subplot(grid[1 + i // _ACROSS, i % _ACROSS], sharey=history)
         _slice(axes, table, key)
         if i % _ACROSS == 0:
-            axes.set_ylabel(said(objective))
-    history.set_ylabel(said(objective))
+            axes.set_ylabel(escaped(objective))
+    history.set_ylabel(escaped(objective))
     _scale(history, table)
     return figure
 
@@ -80,7 +80,7 @@ def _slice(axes: "Axes", table: "DataFrame", key: str) -> None:
             [short(word, 20) for word in words] if len(words) <= _MANY else [""] * len(words),
             rotation=30,
         )
-    axes.set_xlabel(said(key))
+    axes.set_xlabel(escaped(key))
     axes.grid(alpha=0.3, lw=0.5)
 
 

@@ -6,6 +6,11 @@ TESTS, VERDICTS, COVERAGE, HISTOGRAMS = "tests.csv", "verdicts.csv", "coverage.c
 COMPARISON, RUNS = "comparison.csv", "runs.csv"
 ESTIMATES, PLOTS, EXPECTATIONS, PART = "estimates.npz", "plots", "expectations.csv", "part.npz"
 PLUGINS = "plugins"  # the folder of their source
+REPORT = "report.html"  # of a run's directory and of a sweep's
+
+# Of a sweep's directory; OUTPUT of its jobs'.
+PLAN, LOCK, STOP, ATTEMPTS, OUTPUT = "sweep.json", ".lock", ".stop", "attempts", "output.txt"
+SWEEP, GROUPS, FAILURES, TUNING = "sweep.csv", "groups.csv", "failures.csv", "tuning.csv"
 
 # Beyond these a file is none of ours, or would fill the memory.
 CONFIG_BYTES, RECORD_BYTES, TABLE_BYTES, ARRAY_BYTES = 2**18, 2**22, 2**30, 2**33

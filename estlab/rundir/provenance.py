@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +46,11 @@ def peak_memory() -> int:
 
 
 def _version(package: str) -> str | None:
+    from importlib import metadata  # a fifth of what estlab --help takes, which needs no versions
+
     try:
-        return version(package)
-    except PackageNotFoundError:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
         return None
 
 

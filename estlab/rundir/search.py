@@ -8,11 +8,12 @@ from pathlib import Path
 
 from estlab.errors import UserError
 from estlab.rundir.finished import is_run
+from estlab.rundir.layout import ATTEMPTS
 
 _DEEPEST = 8  # folders between the one named and a run
 
 # A sweep's earlier tries at its jobs.
-_PASSED_OVER = ("attempts",)
+_PASSED_OVER = (ATTEMPTS,)
 
 
 def run_directories(words: Sequence[str]) -> list[Path]:

@@ -11,7 +11,8 @@ from estlab.metrics.vocabulary import column_heading, split_column, usual_column
 from estlab.report import grids
 from estlab.report.console import print_line
 from estlab.report.grids import Grid
-from estlab.sweeps import split, state, table
+from estlab.rundir.layout import ATTEMPTS, GROUPS, SWEEP
+from estlab.sweeps import split, table
 from estlab.sweeps.state import Outcome, Planned
 
 _LINES = 40  # rows of a table that are shown
@@ -62,7 +63,7 @@ def damaged(before: Mapping[str, Outcome]) -> None:
     """What of an earlier attempt cannot be used."""
     for name, outcome in before.items():
         if outcome.state == "damaged":
-            kept = f"what there is of it is kept in {state.ATTEMPTS}/"
+            kept = f"what there is of it is kept in {ATTEMPTS}/"
             complain(f"job {name}: {outcome.error}; it runs again, {kept}")
 
 
@@ -78,7 +79,7 @@ def summary(
         columns = [*(key for key in keys if key != "seed"), "repeats"]
     grids.show(_grid(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
-        print_line(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
+        print_line(f"and {len(rows) - _LINES} rows more in {SWEEP if repeats == 1 else GROUPS}")
     failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
     for note in notes:
         print_line(f"note: {note}")
@@ -108,7 +109,7 @@ def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
         word = "unmet" if found.whole else "failed"
         print_line(f"{word}: {name}: {found.error} ({sweep / name})")
     if len(failed) > _FAILURES:
-        print_line(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
+        print_line(f"and {len(failed) - _FAILURES} more, by their status in {SWEEP}")
 
 
 def _grid(rows: Sequence[table.SweepRow], columns: Sequence[str], units: Mapping[str, str]) -> Grid:

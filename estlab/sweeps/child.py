@@ -22,10 +22,10 @@ def run_for(job: Job, limit: float) -> int:
     sweep, name = Path(job.sweep), job.name
     alive, held = os.pipe()
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "estlab.sweeps.child", str(alive)],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output,
             pass_fds=[alive], env=environment, start_new_session=True,
         )  # fmt: skip
         os.close(alive)
@@ -43,8 +43,8 @@ def run_for(job: Job, limit: float) -> int:
         finally:
             os.close(held)
         if state.outcome(sweep, name).state in ("left", "running"):
-            said.seek(0)
-            rundir.end(sweep, name, _last_words(process.returncode, said.read().decode(errors="replace")))
+            output.seek(0)
+            rundir.end(sweep, name, _last_words(process.returncode, output.read().decode(errors="replace")))
             return FAILED
         return process.returncode
 
@@ -66,9 +66,9 @@ def _ask_to_end(process: "subprocess.Popen[bytes]") -> None:
         _kill(process)
 
 
-def _last_words(code: int, said: str) -> str:
+def _last_words(code: int, output: str) -> str:
     how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code} and no status"
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     return f"its process ended with {how}" + (f": {lines[-1]}" if lines else "")
 
 

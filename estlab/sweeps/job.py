@@ -17,12 +17,12 @@ from estlab.launch.execute import Request, execute
 from estlab.launch.launcher import OK, USAGE
 from estlab.launch.path_arguments import as_typed
 from estlab.rundir import RunDirectory, process
+from estlab.rundir.layout import OUTPUT
 from estlab.sweeps import state
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-OUTPUT = "output.txt"
 
 _EVERY = 0.5  # seconds between looks at the sweep's process
 

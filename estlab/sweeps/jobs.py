@@ -13,7 +13,8 @@ from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
 from estlab.launch.composed import described
 from estlab.launch.quoting import angle_as_typed, unquoted
-from estlab.sweeps import split, state
+from estlab.rundir.layout import ATTEMPTS
+from estlab.sweeps import split
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from estlab.config.settings import Names
 
-_FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # of the sweep itself
+_FOLDERS = (ATTEMPTS, split.PARTS, rundir.PLOTS)  # of the sweep itself
 _NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds
 
 
@@ -128,10 +129,10 @@ def composed(
     finally:
         HydraConfig.instance().cfg = before
     _check_folder(name)
-    shown = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
+    resolved = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, names, limits.split_runs)
-    return Planned(number, name, tuple(overrides), shown, mark, parts), plain, names
+    return Planned(number, name, tuple(overrides), resolved, mark, parts), plain, names
 
 
 def _check_folder(name: str) -> None:

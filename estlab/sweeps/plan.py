@@ -42,5 +42,5 @@ def _check_zip(swept: Values, zipped: Sequence[str]) -> None:
         raise UserError(f"sweep.zip must name two keys or more, each once, got [{','.join(zipped)}]")
     lengths = {key: len(swept[key]) for key in zipped}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise UserError(f"sweep.zip pairs values, so the keys need equally many: {told}")
+        lengths_of_all = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise UserError(f"sweep.zip pairs values, so the keys need equally many: {lengths_of_all}")

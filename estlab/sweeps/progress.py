@@ -46,10 +46,10 @@ class _Watch:
     def __init__(self, sweep: Path, total: int, screen: Console, bar: Progress) -> None:
         self.sweep, self.screen, self.bar = sweep, screen, bar
         self.pending: dict[str, None] = {}
-        self.told: set[tuple[str, int]] = set()
+        self.announced: set[tuple[str, int]] = set()
         self.failed: set[str] = set()
         self.done, self.new, self.total = 0, 0, total
-        self.began = self.said = time.monotonic()
+        self.began = self.printed = time.monotonic()
         self.row = bar.add_task(self._words(), total=total)
 
     def expect(self, names: Sequence[str], done: int) -> None:
@@ -73,13 +73,13 @@ class _Watch:
                 self.new += 1
                 del self.pending[name]
                 if found.error:
-                    self._tell(name, found)
+                    self._announce(name, found)
             elif found.state == "failed":  # what cannot be read may be half written yet
                 self.failed.add(name)
-                self._tell(name, found)
+                self._announce(name, found)
         self.bar.update(self.row, completed=self.done + len(self.failed), description=self._words())
-        if self.bar.disable and time.monotonic() - self.said > _LINE_EVERY:
-            self.said = time.monotonic()
+        if self.bar.disable and time.monotonic() - self.printed > _LINE_EVERY:
+            self.printed = time.monotonic()
             self.screen.print(Text(f"estlab: sweep, {self._words()}{self._to_go()}"))
 
     def _has_ended(self, name: str) -> bool:
@@ -89,10 +89,10 @@ class _Watch:
         except OSError:
             return False
 
-    def _tell(self, name: str, found: state.Outcome) -> None:
+    def _announce(self, name: str, found: state.Outcome) -> None:
         attempt = len(state.attempts(self.sweep, name))
-        if (name, attempt) not in self.told:
-            self.told.add((name, attempt))
+        if (name, attempt) not in self.announced:
+            self.announced.add((name, attempt))
             how = "" if found.whole else " failed"
             self.screen.print(Text(f"estlab: job {name}{how}: {found.error} ({self.sweep / name})"))
 

@@ -81,7 +81,7 @@ class Rounds:
             return  # a worker died, and with some launchers all of its pool; the rest goes again
         if not str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher"):
             name = self.config.hydra.runtime.choices["hydra/launcher"]
-            raise UserError(f"hydra/launcher={name} cannot start: {_told(error)}") from error
+            raise UserError(f"hydra/launcher={name} cannot start: {_one_line(error)}") from error
         if len(jobs) == 1:
             self._fail(jobs[0], error)
             return
@@ -107,7 +107,7 @@ class Rounds:
 
     def _fail(self, job: Planned, error: object) -> None:
         """Say in its directory why a job never began, or remember it where there is no room even for that."""
-        message = _told(error) if isinstance(error, Exception) else "its launcher never began it"
+        message = _one_line(error) if isinstance(error, Exception) else "its launcher never began it"
         try:
             rundir.end(self.sweep, job.name, message)
         except OSError:
@@ -120,10 +120,10 @@ class Rounds:
         return state.stopped(self.sweep)
 
 
-def _told(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     if isinstance(error, OSError):
         # Whatever writes a file says which; an engine has shared memory too.
         unnamed = "shared memory (/dev/shm)" if error.errno == errno.ENOSPC else "the system"
         return f"{error.filename or unnamed}: {error.strerror or error}"
-    said = " ".join(str(error).split())
-    return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
+    message = " ".join(str(error).split())
+    return message if isinstance(error, UserError) else f"{type(error).__name__}: {message}"

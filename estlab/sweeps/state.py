@@ -22,9 +22,8 @@ from estlab.config.settings import NEITHER, without
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.finished import plugins_of
-from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
+from estlab.rundir.layout import ARRAY_BYTES, ATTEMPTS, LOCK, PLAN, RECORD_BYTES, STOP
 
-PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
 PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
 
 _METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # the most that is read
@@ -167,15 +166,15 @@ def set_aside(sweep: Path, name: str, whatever: bool = False) -> None:
         there = stat.S_ISDIR(os.stat(place.name, dir_fd=above, follow_symlinks=False).st_mode)
         if there and not whatever and not files.has(sweep, str(place / rundir.STATUS)):
             return
-        with files.folder(sweep, ATTEMPTS / place.parent, make=True) as kept:
-            taken = set(files.names(sweep, ATTEMPTS / place.parent))
+        with files.folder(sweep, PurePath(ATTEMPTS) / place.parent, make=True) as kept:
+            taken = set(files.names(sweep, PurePath(ATTEMPTS) / place.parent))
             number = next(n for n in itertools.count(1) if f"{place.name}.{n}" not in taken)
             os.rename(place.name, f"{place.name}.{number}", src_dir_fd=above, dst_dir_fd=kept)
 
 
 def attempts(sweep: Path, name: str) -> list[str]:
     """The names of a job's earlier attempts, as they are seen from the sweep, in their order."""
-    place = ATTEMPTS / PurePath(name)
+    place = PurePath(ATTEMPTS) / name
     found = []
     with contextlib.suppress(OSError):
         for entry in files.names(sweep, place.parent):
@@ -249,11 +248,11 @@ def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning
     tuned = plan.get("tuning", "")
     if tuned == tuning and (tuning or there == here):
         return
-    told = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
+    what_differs = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
     if tuned or tuning:
-        told = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
+        what_differs = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
     raise UserError(
-        f"{sweep}: holds another sweep ({told}); "
+        f"{sweep}: holds another sweep ({what_differs}); "
         "give this one another sweep.dir, or resume that one with estlab sweep --resume"
     )
 

@@ -13,10 +13,9 @@ from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
 from estlab.rundir import files
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP
 from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
-
-SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
 
 SweepRow = dict[str, str]
 
@@ -38,10 +37,10 @@ def draw_all(
     """Draw the plots from the tables; what could not be drawn."""
     from estlab.report import sweep_plots
 
-    shown = sweep / (SWEEP if repeats == 1 else GROUPS)
+    drawn = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweep_plots.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
+    return sweep_plots.draw_all(drawn, _common(planned), keys, units(outcomes), partial(_save, sweep))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:

@@ -104,8 +104,8 @@ class Tuning:
     def _suggested(self, asked: "optuna.Trial", number: int) -> tuple[Planned, dict[str, Any], Names]:
         values = {key: one.word(asked.params[key]) for key, one in self.dimensions.items()}
         chosen = [f"{key}={value}" for key, value in values.items()]
-        shown = {key.lstrip("+"): value for key, value in values.items()}
-        return jobs.composed(self.context, self.config, number, [*self.fixed, *chosen], shown, self.limits)
+        bare = {key.lstrip("+"): value for key, value in values.items()}
+        return jobs.composed(self.context, self.config, number, [*self.fixed, *chosen], bare, self.limits)
 
     def _run(self, units: int, lost: float) -> int:
         rundir.link_latest(self.directory, Path(str(self.config.output)))
@@ -164,7 +164,7 @@ class Tuning:
             code = max(code, FAILED)
         notes += announcements.differing_plugins(outcomes)
         announcements.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
-        trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
+        trials.summary(self.directory, self.trials, self.objective, self.limits.trials, notes)
         write_page(self.directory)
         if interrupted:
             complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")

@@ -10,6 +10,7 @@ from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED
 from estlab.rundir import files
+from estlab.rundir.layout import STOP
 from estlab.sweeps import split, state
 from estlab.sweeps.rounds import Rounds
 from estlab.sweeps.state import Outcome, Planned
@@ -65,11 +66,11 @@ class Work:
     @contextmanager
     def unstopped(self) -> Iterator[None]:
         """Nothing is stopped at the beginning of the body, nor after it."""
-        files.remove(self.sweep, state.STOP)
+        files.remove(self.sweep, STOP)
         try:
             yield
         finally:
-            files.remove(self.sweep, state.STOP)
+            files.remove(self.sweep, STOP)
 
 
 @contextmanager
