@@ -1,4 +1,4 @@
-"""What makes rows of a comparison not like for like, a line each."""
+"""What makes the rows of a comparison not comparable, one line each."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
@@ -10,7 +10,7 @@ _NAMED = 4
 
 
 def mismatches(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list[str]:
-    """One line each where what makes rows comparable differs: from scenario, data and seed to units."""
+    """One line for each thing that should be equal and differs, from scenario, data and seed to units."""
     found = [_line("scenario", [row.run.scenario for row in rows])]
     if len({row.run.scenario for row in rows}) == 1:
         found.append(_line("the scenario's configuration", _settings(rows, ("scenario.",))))
@@ -27,7 +27,7 @@ def mismatches(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list
 
 
 def _settings(rows: Sequence[ComparisonRow], prefixes: tuple[str, ...]) -> list[str]:
-    """Of each row, the values of those keys with these beginnings that are not the same everywhere."""
+    """For each row, the values of the keys with these prefixes that differ between rows."""
     keys = dict.fromkeys(key for row in rows for key in row.settings if key.startswith(prefixes))
     written = {key: [short(row.settings.get(key, "none")) for row in rows] for key in keys}
     differing = {key: values for key, values in written.items() if len(set(values)) > 1}
@@ -35,7 +35,7 @@ def _settings(rows: Sequence[ComparisonRow], prefixes: tuple[str, ...]) -> list[
 
 
 def _plugins(plugins: Sequence[Mapping[str, str]]) -> str:
-    """Of the modules that several rows have, those whose source is not the same in all of them."""
+    """Modules that several rows have, but with different source."""
     modules = dict.fromkeys(module for one in plugins for module in one)
     differing = [m for m in modules if len({one[m] for one in plugins if m in one}) > 1]
     sources = [", ".join(f"{m} SHA-256 {one[m][:12]}" for m in differing if m in one) or "without" for one in plugins]
@@ -44,7 +44,7 @@ def _plugins(plugins: Sequence[Mapping[str, str]]) -> str:
 
 
 def _hashes(data: Mapping[str, str]) -> str:
-    """Data files as they are told apart: one by its hash, several by the hash of all hashes."""
+    """Data files in a form that tells them apart: one by its hash, several by the hash of all hashes."""
     hashes = sorted(data.values())
     if len(hashes) < 2:
         return f"SHA-256 {hashes[0][:12]}" if hashes else "none"

@@ -20,12 +20,13 @@ from estlab.rundir import RunDirectory
 
 @plugins_named
 def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list[Finding]:
-    """Compute, write every file of the directory but its configuration and status, and print the summary.
+    """Compute, write every file of the directory except its configuration and status, and print the summary.
 
-    Returns what was found of what was expected. A statistic, table or picture that cannot be made is said and missing.
+    Returns the findings about expectations. A statistic, table or picture that cannot be made is missing, with a
+    remark.
 
-    Raises UserError for data that cannot be used, OSError for a disk that cannot be written, IncompleteError if
-    metrics.csv or estimates.npz, or a filter's errors, are missing, all else being kept.
+    Raises UserError for invalid data, OSError for a disk that cannot be written, IncompleteError if metrics.csv,
+    estimates.npz or a filter's errors are missing; everything else is kept.
     """
     names, filters, runs = settings.names, settings.filters, settings.run_numbers
     directory.describe(
@@ -43,7 +44,7 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
         directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
     result = compute(settings, directory.describe, progress)
-    directory.keep_sources(settings.plugins)  # what was imported on the way
+    directory.keep_sources(settings.plugins)  # modules that were imported on the way
     write(result, directory)
     _print(result, _short(directory.path))
     directory.describe(missing=result.attempts.missing)
@@ -52,7 +53,7 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
 
 
 def _print(result: Result, where: Path) -> None:
-    """Tables, verdicts and remarks, the path, and what was expected."""
+    """Tables, verdicts and remarks, the path, and the expectations."""
     attempts, findings = result.attempts, result.findings
     attempts.put(
         "tables on the terminal",
@@ -69,6 +70,6 @@ def _print(result: Result, where: Path) -> None:
 
 
 def _short(path: Path) -> Path:
-    """Relative to where the user stands, if it is below."""
+    """The path relative to the current folder, if it is below it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path

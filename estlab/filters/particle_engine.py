@@ -46,7 +46,7 @@ class ParticleLoop(Loop):
         """Raise ValueError for states too large to be unrolled, if the engine is insisted on."""
         if self.insist and not self.compiles:
             n = self.motion.space.size
-            raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; take engine=numpy")
+            raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
 
     def prepare(self, record: Record, generators: Generators) -> None:
         """Trace and compile, or find it compiled: by the first step in which a run has a reading, for that run."""
@@ -102,7 +102,7 @@ class ParticleLoop(Loop):
         except ValueError as error:
             if self.insist:
                 raise UserError(f"engine=compiled: {error}") from error
-            log.info("engine=numpy, since %s", error)
+            log.info("engine=numpy, because %s", error)
             return None
 
 

@@ -1,4 +1,4 @@
-"""What conf/ ships, without composing a whole configuration."""
+"""The content of conf/, without composing a whole configuration."""
 
 from typing import Any, cast
 
@@ -8,7 +8,7 @@ from estlab.errors import UserError
 
 
 def shipped_filter(name: str) -> dict[str, Any]:
-    """The settings of a filter as plain data, as they are where no scenario says otherwise.
+    """The settings of a filter as plain data, with their defaults for no particular scenario.
 
     Raises UserError for a name that is not shipped.
     """

@@ -1,4 +1,4 @@
-"""What is kept of runs: sums over them at each time, moments of what each answers. Its size does not grow with them."""
+"""Sums over runs at each time, and moments of each run's results. Their size does not grow with the number of runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,25 +21,25 @@ from estlab.metrics.scores import (
 )
 from estlab.record import Estimates, Record
 
-_NAMED = 100  # diverged runs that are named, of each kind
-_SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # what is kept of single errors, for what cannot be added up
+_NAMED = 100  # diverged runs that are listed, for each kind
+_SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # single errors that are kept, for statistics that cannot be added
 
 CAUSES = ("not_finite", "not_definite", "lost")
 
 
 @dataclass
 class Tally:
-    """Errors and consistency of one filter over runs: of a block, and of blocks added up.
+    """Errors and consistency of one filter over runs: of a block, and of blocks added together.
 
-    Only what is finite is scored: a gap in the truth or a run that broke takes no part in a mean, and every figure has
-    beside it how much it is made of. repeated: whether all runs share one truth and one set of readings. begin: the
-    number of the ensemble's first run.
+    Only finite values are scored: a gap in the truth or a run that broke does not count in a mean, and every figure
+    comes with the number of values behind it. repeated: whether all runs share one truth and one set of readings.
+    begin: the number of the ensemble's first run.
 
-    sampled: whether covariances are a sample's. gated: whether readings that fit badly are refused. sums: over runs,
-    at each time. moments: over runs, of what each run answers; ``converged`` in the name, of those that neither broke
-    nor were lost. histograms: of the same squares. diverged, diverged_first: how many did, and which were the first,
-    by cause. first_whitened: innovations (m, N) of the first run. first: errors (n, T, K) and NEES (T, K) of the
-    first runs, for what cannot be added up.
+    sampled: whether covariances are a sample's. gated: whether outliers are rejected. sums: over runs, at each time.
+    moments: over runs, of each run's results; ``converged`` in the name: only of those that neither broke nor were
+    lost. histograms: of the same squares. diverged, diverged_first: how many runs diverged, and the first of them, by
+    cause. first_whitened: innovations (m, N) of the first run. first: errors (n, T, K) and NEES (T, K) of the first
+    runs, for statistics that cannot be added.
     """
 
     space: Space
@@ -60,9 +60,9 @@ class Tally:
 
     @quietly
     def add(self, record: Record, estimates: Estimates, numbers: Sequence[int]) -> dict[str, Array]:
-        """Take in a block of runs with these numbers, once; what each run's squared errors are, for comparisons.
+        """Add a block of runs with these numbers, once. Returns each run's squared errors, for comparisons.
 
-        Those of a run that broke are infinite: of the steps before, it would look better than one that went on.
+        Those of a run that broke are infinite: over the steps before, it would look better than one that continued.
         """
         scores = score(self.space, self.limits, record, estimates)
         self.runs, self.first_whitened = len(numbers), scores.whitened[:, :, 0]
@@ -89,7 +89,7 @@ class Tally:
         return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
 
     def plus(self, other: "Tally") -> "Tally":
-        """Of the runs of both, those of the other coming after."""
+        """The runs of both; those of the other come after."""
         room = self._most
         errors, nees = (np.concatenate(pair, axis=-1)[..., :room] for pair in zip(self.first, other.first, strict=True))
         return replace(
@@ -114,7 +114,7 @@ class Tally:
         return found
 
     def _errors(self, scores: Scores, lapse: Array) -> dict[str, Array]:
-        """What each run says of its errors beside their squares. lapse: (T,), each step's share of the time."""
+        """Each run's error statistics beyond the squares. lapse: (T,), each step's share of the time."""
         scored, sized = scores.scored, np.isfinite(scores.nees)
         inside, counted = shares_inside(scores)
         found = {
@@ -136,7 +136,7 @@ class Tally:
         return found
 
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
-        """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
+        """Each run's NEES and NIS over their expectations, NIS over the values measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         nees = total(scores.nees, lawful, 0) / or_nan(total(scores.nees_mean, lawful, 0))
         found = {
@@ -148,11 +148,11 @@ class Tally:
             "loglik": scores.log_likelihood / or_nan(scores.measured.sum(axis=0)),
         }
         if estimates.sample is not None:
-            # A cloud that was without a law at any step is one from which few states have come on.
+            # If the law is unknown at any step, the cloud came from few states.
             found["starved"] = (~np.isfinite(scores.nees_mean)).any(axis=0).astype(float)
             found["fewest"] = np.broadcast_to(estimates.sample[0], lawful.shape).min(axis=0)
         if "ess" in estimates.notes:
-            # Of the steps with readings, after which alone weights differ; of all where there are none.
+            # Steps with readings, because weights differ only after those; all steps if there are none.
             read = scores.measured > 0 if scores.measured.any() else np.ones(scores.nees.shape, dtype=bool)
             found["ess"] = mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
         return found
@@ -184,7 +184,7 @@ class Tally:
         }
 
     def _take_moments(self, **values: Array) -> None:
-        """Of single numbers (*shape, runs), each entry of the shape by itself."""
+        """Add single numbers (*shape), each entry of the shape separately."""
         self.moments |= {name: SampleMoments.of(array[None]) for name, array in values.items()}
 
     def _count_diverged(self, scores: Scores, numbers: Sequence[int]) -> None:
@@ -194,18 +194,18 @@ class Tally:
             self.diverged_first[cause] = [numbers[i] for i in which[:_NAMED]]
 
     def _keep_first(self, scores: Scores, numbers: Sequence[int]) -> None:
-        """Errors and NEES of what of the ensemble's first runs is among these."""
+        """Keep errors and NEES of those among these runs that belong to the ensemble's first."""
         room = max(0, self.begin + self._most - numbers[0])
         self.first = scores.error[..., :room].copy(), scores.nees[:, :room].copy()
 
     @property
     def _most(self) -> int:
-        """How many runs' errors are kept."""
+        """How many runs' errors to keep."""
         return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
 
 
 def _median(values: Array) -> Array:
-    """Median over time, axis -2, of what is not NaN; NaN where nothing is."""
+    """Median over time, axis -2, without NaN; NaN if nothing is left."""
     ordered = np.sort(values, axis=-2)
     count = np.isfinite(values).sum(axis=-2, keepdims=True)
     low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, values.shape[-2] - 1)

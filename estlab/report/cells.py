@@ -1,4 +1,4 @@
-"""Cells of the page's tables: figures with the digits that their intervals leave sense in, sorted by all digits."""
+"""Cells of the page's tables: figures with the digits that their intervals justify, sorted at full precision."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What a comparison of runs shows: the metrics of each row, and the differences to one of them."""
+"""The tables of a comparison of runs: the metrics of each row, and the differences from one of them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
@@ -53,7 +53,7 @@ def differences_grid(
                 wins = f"{share(one.wins)} of {one.found.n}" if one.found.n else ""
                 cells = (figure(one.found, 0.0), interval(one.found, 0.0), p_value(one.p_holm), wins)
                 lines.append([str(number), row.label, with_unit(component, unit), *cells])
-    title = f"RMSE less that of row {against}, {rows[against - 1].label}, on the same truth and readings"
+    title = f"RMSE minus that of row {against}, {rows[against - 1].label}, on the same truth and readings"
     headings = ["", "", "component", "difference", HOLM_INTERVAL, HOLM_P, "better in, of runs"]
     return Grid(title, headings, lines, 3) if lines else None
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST = 8  # panels, or lines of a table, that a person reads
-_NAMED = 40  # components whose names have room on an axis
-_WIDE = 30.0  # times from which an axis is logarithmic
+_NAMED = 40  # panels, or lines of a table, that are readable
+_WIDE = 30.0  # components whose names fit on an axis
 
 Columns = Mapping[str, Array]
 
@@ -79,7 +79,7 @@ def draw_components(errors: Mapping[str, Columns], space: Space, title: str, col
             axes.set_xticks(at, names, rotation=90 if len(mine) > MOST else 0, fontsize="small")
         else:
             axes.set_xlabel(
-                f"component, by its place among those in {escaped(unit)}" if len(units) > 1 else "component"
+                f"component, by its index among those in {escaped(unit)}" if len(units) > 1 else "component"
             )
         axes.set_ylabel(labelled(heading("rmse"), unit))
     legend_below(figure, panels[0])

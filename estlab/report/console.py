@@ -1,4 +1,4 @@
-"""Standard output and a progress bar; plain lines where there is no terminal."""
+"""Standard output and a progress bar; plain lines without a terminal."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +36,7 @@ def print_line(line: str, style: str = "") -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int], Callable[[int], None]]]:
-    """A bar, shown only on a terminal and only if it lasts: told of all steps, it gives what counts those done."""
+    """Print a line on standard output, of any length."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     screen = Console(stderr=True)

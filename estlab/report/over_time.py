@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 _DENSE = 1500  # steps from which a line would be a smear
 _CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
-_LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
-_HIGHEST = 1e4  # of a NEES / n that is drawn
+_LOST = 1e3  # steps from which a line would be a smear
+_HIGHEST = 1e4  # times the smallest, from which a filter's errors leave a panel
 
 
 def draw_errors(
@@ -87,7 +87,7 @@ def _draw_estimates(
         jumps = angle & (np.abs(np.diff(middle, append=middle[-1:])) > np.pi)
         about = np.where(jumps, np.nan, middle)
         _draw_band(axes, columns, about, colours[name], of, alone)
-        label = short(f"estimate, truth not known, {of}")
+        label = short(f"estimate, truth unknown, {of}")
         line(axes, {**columns, "about": about}, "about", color=colours[name], lw=_width(columns), label=label)
         known = np.isfinite(middle) & np.isfinite(columns["upper3"])
         if known.any():

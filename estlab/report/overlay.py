@@ -76,9 +76,7 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
     title, panels = selection(some, len(panels), "RMSE"), [panels[i] for i in some]
     with_nees = any(np.isfinite(one.nees["anees"]).any() for one in curves)
     if not panels and not with_nees:
-        raise UserError(
-            "no run has errors over time to draw: its truth is not known, or the components are not its own"
-        )
+        raise UserError("no run has errors over time to draw: its truth is unknown, or it lacks the components")
     figure, axes = new_figure(len(panels) + with_nees, title, 1.9)
     for axis, (component, unit) in zip(axes, panels, strict=False):
         for one, style in zip(curves, _styles(curves), strict=True):

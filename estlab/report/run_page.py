@@ -1,4 +1,4 @@
-"""The page of a run, from its directory alone."""
+"""The page of a run, only from its directory."""
 
 from collections.abc import Callable
 
@@ -42,7 +42,7 @@ def run_page(contents: Contents) -> sections.Page:
         (
             "verdicts",
             "Verdicts",
-            run.verdicts if figures else lambda: note("The run did not come to its figures."),
+            run.verdicts if figures else lambda: note("The run ended before it had figures."),
             True,
         ),
         ("warnings", "Warnings", run.warnings, bool(sections.warnings(contents))),
@@ -118,7 +118,7 @@ class _Run:
             (filter, name) for name in components for filter in self.filters if (filter, "rmse", name) in self.found
         ]
         if not any(as_number(self.found[filter, "rmse", name].get("value")) > 0.0 for filter, name in found):
-            return note("The truth is not known, so there are no errors to speak of.")
+            return note("The truth is unknown, so there are no errors.")
         lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
         bounded = any(metric == "efficiency" for _, metric, _ in self.found)
         beside = errors_beside(lost, bounded)
@@ -172,13 +172,15 @@ class _Run:
             "better in",
             "time to the other's",
         )
-        caption = "Each pair of filters on the same truth and readings; a difference above zero: the first is worse"
+        caption = (
+            "Each pair of filters on the same truth and readings; a difference above zero means that the first is worse"
+        )
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def coverage(self) -> Html:
         found = self.contents.table(rundir.COVERAGE)
         if not any(as_number(row.get("share")) >= 0.0 for row in found.rows):
-            return note("The truth is not known, so no share of errors is.")
+            return note("The truth is unknown, so there are no shares of errors.")
         sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
         lines: dict[tuple[str, ...], dict[str, CsvRow]] = {}
         for row in found.rows:
@@ -192,7 +194,7 @@ class _Run:
         headings = ["component", *self.filter, "when"]
         for sigma, nominal in sigmas:
             headings += [f"{sigma} sigma ({share_cell({'value': nominal}).text})", INTERVAL]
-        caption = "Shares within 1, 2 and 3 sigma; in brackets what a consistent filter has; all: jointly"
+        caption = "Shares within 1, 2 and 3 sigma; in brackets the value for a consistent filter; all: jointly"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def expectations(self) -> Html:

@@ -1,4 +1,4 @@
-"""A page's parts, and those that the page of a run and of a sweep share: plots, log, facts, files."""
+"""A page's parts, and those that the pages of a run and of a sweep share: plots, log, facts, files."""
 
 import json
 import re
@@ -17,12 +17,12 @@ _WARNINGS = 50
 _LONG = 2000  # characters of a fact that are shown
 
 _PLOTS = {
-    "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, a panel a component",
+    "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, one panel per component",
     "nees": "NEES / n over time with the 95 % band of a consistent filter",
     "nis": "NIS / m over time with the 95 % band of a consistent filter",
     "components": "RMSE and mean sigma of every component, over all time",
     "cloud": "The cloud of particles at six moments, of the best and the worst run of those kept",
-    "repeats": "The runs over one recording beside each other",
+    "repeats": "The runs over one recording side by side",
     "ess": "Effective sample size over time",
     "distribution": "Distribution over runs of RMSE and NEES",
     "trajectory": "Trajectory of the first run, true and estimated",
@@ -31,7 +31,7 @@ _STATES = {"ok": "good", "unmet": "doubt", "failed": "bad", "interrupted": "doub
 
 
 class Page(NamedTuple):
-    """Title, what stands above all, and the sections: anchor, heading, content."""
+    """Title, the heading above everything, and the sections: anchor, heading, content."""
 
     title: str
     head: Html
@@ -75,12 +75,12 @@ def plots(contents: Contents, title: str) -> Html:
         image = tag("img", src=source, alt=f"{caption}: {title}", width=str(width), height=str(height))
         figures.append(tag("figure", image, tag("figcaption", caption)))
     if not found and not remarks:
-        return note("There are no plots in this directory. plots=true draws them.")
+        return note("There are no plots in this directory; plots=true draws them.")
     return join([tag("div", figures, class_="plots"), [note(remark) for remark in remarks]])
 
 
 def warnings(contents: Contents) -> list[str]:
-    """What log.txt warns of, the first of it; nothing where there is no log."""
+    """The first warnings of log.txt; empty without a log."""
     try:
         text, _ = contents.text(rundir.LOG, _LOG_BYTES, last=True)
     except UnusableError:
@@ -91,13 +91,13 @@ def warnings(contents: Contents) -> list[str]:
 
 
 def file_text(contents: Contents, name: str, last: bool = False) -> Html:
-    """A text file as it is, folded."""
+    """A text file unchanged, folded."""
     text, remark = contents.text(name, _LOG_BYTES, last)
     return join([note(remark), folded(name, tag("pre", text, tabindex="0", aria_label=name))])
 
 
 def facts(record: Mapping[str, Any], caption: str) -> Html:
-    """A record as a table of two columns; groups by their keys with dots."""
+    """A record as a table of two columns; groups as keys with dots."""
     rows = []
     for key, value in record.items():
         parts = value.items() if isinstance(value, dict) else [(None, value)]
@@ -116,7 +116,7 @@ def _as_text(value: Any) -> str:
 
 
 def files(contents: Contents, held: Mapping[str, str]) -> Html:
-    """The files of the directory with what they hold, by name."""
+    """The files of the directory with their content, by name."""
     rows = []
     for name, count in contents.files(rundir.PLOTS, rundir.PLUGINS):
         if name != REPORT:
@@ -124,4 +124,4 @@ def files(contents: Contents, held: Mapping[str, str]) -> Html:
             usual = "source of a plugin's module" if name.startswith(f"{rundir.PLUGINS}/") else ""
             usual = "a picture" if name.endswith(".png") else usual
             rows.append((link(name), held.get(name, usual), weight))
-    return tag("div", table("Files of this directory", ("file", "what it holds", "size"), rows), class_="prose")
+    return tag("div", table("Files of this directory", ("file", "content", "size"), rows), class_="prose")

@@ -1,4 +1,4 @@
-"""The page of a sweep, from its directory alone."""
+"""The page of a sweep, only from its directory."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from estlab.rundir.layout import FAILURES, GROUPS, PLAN, REPORT, SWEEP, TUNING
 
 _HELD = {
     PLAN: "the plan: the words typed and the jobs",
-    SWEEP: "a row a job and filter: swept values, status, every metric with its interval",
+    SWEEP: "a row for each job and filter: swept values, status, every metric with its interval",
     GROUPS: "means over repeats with intervals",
     FAILURES: "each attempt that failed",
     TUNING: "the trials of a tuning: values, objective, the best so far",
@@ -78,7 +78,7 @@ class _Sweep:
                 for name, values in self.planned
             ]
             there = table("Jobs of the plan", ("job", *self.keys, "status"), rows, filtered=len(rows) > 10)
-            return join([note(f"{SWEEP} is missing: the sweep did not come to its end."), there])
+            return join([note(f"{SWEEP} is missing: the sweep did not finish."), there])
         found = self.contents.table(SWEEP)
         columns = list(found.rows[0]) if found.rows else []
         keys = [column for column in columns if column in (*self.keys, "filter", "status") and column != "job"]
@@ -102,7 +102,7 @@ class _Sweep:
             rows.append([self._job(row.get("job", "")), *(_value(row.get(key, "")) for key in keys)])
             rows[-1] += [number_cell(row.get("objective")), number_cell(row.get("best")), row.get("state", "")]
         headings = ("job", *keys, "objective", "best so far", "outcome")
-        caption = "Trials in their order; the smaller the objective, the better"
+        caption = "Trials in order; a smaller objective is better"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def groups(self) -> Html:

@@ -1,4 +1,4 @@
-"""The pictures of a sweep, drawn from its table: a curve with its interval for one number swept, a map for two."""
+"""The pictures of a sweep, drawn from its table: a curve with its interval for one swept number, a map for two."""
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -23,10 +23,10 @@ Save = Callable[[str, Callable[[Any], object]], object]
 
 _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
-_CELLS = 8  # rows and columns of a map up to which its numbers are written in it
-_TICKS = 12  # values of a key up to which each is a tick
-_LARGEST = 1e100  # that a picture's coordinates hold
-_ROUND = ("anees", "anis")  # metrics that are 1 when the filter is consistent
+_CELLS = 8  # small multiples, or curves, that are still distinguishable
+_TICKS = 12  # rows and columns of a map up to which it shows its numbers
+_LARGEST = 1e100  # values of a key up to which each has a tick
+_ROUND = ("anees", "anis")  # the largest number in a picture's coordinates
 
 
 def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, str], save: Save) -> list[str]:
@@ -198,7 +198,7 @@ def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
 
 
 def _value_scale(axes: "Axes", values: "Series[float]") -> None:
-    """Logarithmic where values span more than one such picture shows; a filter that diverges then hides no other."""
+    """Logarithmic if the values are powers of a factor; the values themselves are the ticks while there is room."""
     positive = values[values > 0.0]
     if len(positive) == values.notna().sum() and len(positive) and positive.max() > 30.0 * positive.min():
         axes.set_yscale("log")

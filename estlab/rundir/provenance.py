@@ -40,7 +40,7 @@ def digest(path: Path) -> str:
 
 
 def peak_memory() -> int:
-    """The most memory that this process has had, in bytes. The kernel counts in kB, macOS in bytes."""
+    """The peak memory of this process, in bytes. The kernel counts in kB, macOS in bytes."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 
@@ -55,7 +55,7 @@ def _version(package: str) -> str | None:
 
 
 def _git_state(checkout: Path) -> dict[str, object] | None:
-    """Commit and whether the tree differs from it, where estlab runs from a checkout; else None."""
+    """The commit, and whether the tree differs from it, if estlab runs from a checkout; otherwise None."""
     if not (checkout / ".git").exists():
         return None
     try:

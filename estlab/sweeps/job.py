@@ -1,4 +1,4 @@
-"""One job of a sweep: what engines hand to their workers. Its directory says how it went, and nothing else does."""
+"""One job of a sweep, as engines hand it to their workers. Only its directory shows how it went."""
 
 import contextlib
 import io
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 
-_EVERY = 0.5  # seconds between looks at the sweep's process
+_EVERY = 0.5  # seconds between checks of the sweep's process
 
-# Hydra's configuration, the standard streams and the log are the process's, so its threads take turns.
+# Hydra's configuration, the standard streams and the log belong to the process, so its threads take turns.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a job needs, as data that any process can be given."""
+    """Everything that a job needs, as plain data for any process."""
 
     sweep: str
     name: str
@@ -45,7 +45,7 @@ class Job:
         return state.fingerprint(self.request.plain, names.scenario, names.filter)
 
     def run(self) -> int:
-        """Run in its directory, which must not be there; the exit code. It raises an interruption alone."""
+        """Run in its directory, which must not exist. Returns the exit code. Only an interruption is raised."""
         facts: dict[str, Any] = {"fingerprint": self.fingerprint}
         if parts := self.request.plain["parts"]:
             took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in parts]
@@ -56,14 +56,14 @@ class Job:
 
 
 def task(config: "DictConfig") -> int:
-    """Run the job of a composed configuration, again as often as it may be; the last attempt's exit code."""
+    """Run the job of a composed configuration, with retries. Returns the last attempt's exit code."""
     from hydra.core.hydra_config import HydraConfig
 
     with _ONE_AT_A_TIME:
         sweep, name = Path(HydraConfig.get().sweep.dir), str(HydraConfig.get().sweep.subdir)
         if state.stopped(sweep):
             with contextlib.suppress(OSError):
-                (sweep / name).rmdir()  # Hydra made it; what is not empty stays
+                (sweep / name).rmdir()  # Hydra made it; a folder that is not empty stays
             return OK
         job = _job(config, sweep, name)
         limits = job.request.plain["sweep"]
@@ -75,7 +75,7 @@ def task(config: "DictConfig") -> int:
                 return OK
             state.set_aside(sweep, name)
             code = _attempt(job, limits["timeout"])
-            if code in (OK, USAGE) or _is_done(job):  # it may be whole and not what was expected
+            if code in (OK, USAGE) or _is_done(job):  # it may be complete and unmet
                 break
         if code != OK and limits["fail_fast"]:
             state.stop(sweep)
@@ -88,8 +88,8 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
 
     plain, names = described(config)
     if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
-        plain["cores"] = 1  # the engine has spread its jobs over the cores already
-    # Where a job's parts lie is no part of it: it may be typed, and gives the same, without them.
+        plain["cores"] = 1  # the engine already spreads its jobs over the cores
+    # The place of a job's parts does not belong to it: the job gives the same when typed without them.
     words = [word for word in typed() if not word.startswith("parts=")]
     request = Request(
         plain=plain,
@@ -102,14 +102,14 @@ def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
 
 
 def _is_ours(launcher: "DictConfig") -> bool:
-    """Whether the worker is there for this sweep alone, and not one of a cluster that somebody else started."""
+    """Whether the worker exists only for this sweep, and does not belong to a cluster that somebody else started."""
     ours = ("BasicLauncher", "JoblibLauncher", "LocalLauncher", "DaskLauncher")
     return str(launcher["_target_"]).endswith(ours) and launcher.get("address") is None
 
 
 @cache
 def _end_with(sweep: Path) -> None:
-    """End this process when that of the sweep has ended, however it did: nobody waits for what its jobs find."""
+    """End this process when the sweep's process has ended, for any reason: nobody waits for the results."""
     marks = state.holder(sweep)
     if marks.get("pid") != os.getpid():
         threading.Thread(target=_end_once_gone, args=[marks], daemon=True).start()
@@ -122,7 +122,7 @@ def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
 
 
 def _is_done(job: Job) -> bool:
-    """Whether another worker, given up for dead, has done it after all."""
+    """Whether another worker, believed dead, has completed it after all."""
     return state.outcome(Path(job.sweep), job.name, job.fingerprint).whole
 
 
@@ -136,7 +136,7 @@ def _attempt(job: Job, limit: float | None) -> int:
 
 @contextmanager
 def _output(directory: RunDirectory) -> Iterator[None]:
-    """What the job prints, kept in a file of its directory: a hundred summaries are no answer to a sweep."""
+    """What the job prints, stored in a file of its directory: nobody wants a hundred summaries of a sweep."""
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

@@ -6,13 +6,13 @@ from itertools import product
 
 from estlab.errors import UserError
 
-MOST = 1_000_000  # jobs of a sweep
+MOST = 1_000_000  # jobs of a sweep at most
 
 Values = Mapping[str, Sequence[str]]
 
 
 def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
-    """Every combination of the keys' values, the last key's running fastest; zipped keys run together.
+    """Every combination of the keys' values, the last key varying fastest; zipped keys vary together.
 
     Raises UserError for zipped keys that are not swept or have unequal numbers of values, and for more than MOST.
     """
@@ -27,7 +27,7 @@ def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
             axes.append(pairs)
             placed = True
     if math.prod(map(len, axes)) > MOST:
-        raise UserError(f"a sweep of more than {MOST} jobs; leave out values, or sweep keys in turn")
+        raise UserError(f"a sweep has at most {MOST} jobs; leave out values, or sweep keys one after another")
     found = [{key: value for part in parts for key, value in part.items()} for parts in product(*axes)]
     return [{key: values[key] for key in swept} for values in found]
 

@@ -1,4 +1,4 @@
-"""Running what is left of a sweep, by any of Hydra's launchers, until every job has ended or may not be tried again."""
+"""Runs what is left of a sweep, by any of Hydra's launchers, until every job has ended or must not be retried."""
 
 import contextlib
 import errno
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
-_LOST = "its process ended without a word: it was killed, or memory ran out"
+_LOST = "its process ended without a message: it was killed, or memory ran out"
 
 
 class Rounds:
-    """What is left goes to the launcher whole; what then has not begun, or was lost with its worker, goes again."""
+    """The launcher gets everything that is left. Jobs that did not start, or were lost with their worker, go again."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: SweepSettings) -> None:
         from omegaconf import open_dict, read_write
@@ -35,11 +35,11 @@ class Rounds:
         self.context, self.config, self.sweep, self.limits = context, config, sweep, limits
         with read_write(config), open_dict(config):
             config.hydra.sweep.dir = literal(str(sweep))
-        # Of jobs without a directory, when there is no room for one.
+        # Errors of jobs without a directory, if there is no room for one.
         self.errors: dict[str, str] = {}
 
     def run(self, left: list[Planned]) -> None:
-        """Run these jobs. Their directories say how it went, and ``errors`` where there is none.
+        """Run these jobs. Their directories show how it went, and ``errors`` where there is none.
 
         Raises UserError if the launcher itself cannot start.
         """
@@ -66,7 +66,7 @@ class Rounds:
         from hydra.core.hydra_config import HydraConfig
         from hydra.core.plugins import Plugins
 
-        # joblib and submitit ask for a job's name before they have set its configuration.
+        # joblib and submitit ask for a job's name before they set its configuration.
         HydraConfig.instance().set_config(self.config)
         launcher = Plugins.instance().instantiate_launcher(
             hydra_context=self.context, task_function=task, config=self.config
@@ -76,9 +76,9 @@ class Rounds:
         return launcher.launch(words, initial_job_idx=jobs[0].number)
 
     def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:
-        """The launcher gave up. If it began nothing, the next job may yet go; another engine cannot start at all."""
+        """The launcher gave up. If no job began, the next one may still run; another engine cannot start at all."""
         if not all(self._has_not_begun(job) for job in jobs):
-            return  # a worker died, and with some launchers all of its pool; the rest goes again
+            return  # a worker died, and with some launchers its whole pool; the rest goes again
         if not str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher"):
             name = self.config.hydra.runtime.choices["hydra/launcher"]
             raise UserError(f"hydra/launcher={name} cannot start: {_one_line(error)}") from error
@@ -90,13 +90,13 @@ class Rounds:
                 self._launch([job])
 
     def _may_go_again(self, job: Planned, deaths: int | None) -> bool:
-        """Whether it never began, or was lost with its worker and is not yet known to be the reason."""
+        """Whether it never began, or was lost with its worker and is not known to be the cause."""
         if job.name in self.errors:
             return False
         return self._has_not_begun(job) if deaths is None else deaths <= max(1, self.limits.retries)
 
     def _is_lost(self, job: Planned) -> bool:
-        """Whether its worker is gone. One that lives on is waited for."""
+        """Whether its worker is gone. A worker that is still alive is waited for."""
         while state.at_work(self.sweep, job.name):
             time.sleep(0.1)
         found = state.outcome(self.sweep, job.name).state
@@ -106,8 +106,8 @@ class Rounds:
         return found in ("running", "interrupted")
 
     def _fail(self, job: Planned, error: object) -> None:
-        """Say in its directory why a job never began, or remember it where there is no room even for that."""
-        message = _one_line(error) if isinstance(error, Exception) else "its launcher never began it"
+        """Record in its directory why a job never began, or remember it if there is no room even for that."""
+        message = _one_line(error) if isinstance(error, Exception) else "its launcher never started it"
         try:
             rundir.end(self.sweep, job.name, message)
         except OSError:
@@ -122,7 +122,7 @@ class Rounds:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError):
-        # Whatever writes a file says which; an engine has shared memory too.
+        # An error that names a file says which; an engine uses shared memory too.
         unnamed = "shared memory (/dev/shm)" if error.errno == errno.ENOSPC else "the system"
         return f"{error.filename or unnamed}: {error.strerror or error}"
     message = " ".join(str(error).split())

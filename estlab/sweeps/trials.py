@@ -97,7 +97,9 @@ def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[
                 value = best.job.values[key.lstrip("+")]
                 low, high, at = (math.log(x) if among.log else x for x in (among.low, among.high, float(value)))
                 if min(at - low, high - at) < _END * (high - low):
-                    notes.append(f"{key}={value} is at the end of its interval; a wider one may have better")
+                    notes.append(
+                        f"{key}={value} is at the end of its interval; a wider interval may contain a better value"
+                    )
     return notes
 
 

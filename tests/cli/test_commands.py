@@ -172,9 +172,9 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "+experiment=field_errors", "filter=ukf"], "the experiment has its own filters, ekf,pf; leave it out"),
         (["run", "filter=[ekf,ukf]", "filters.ukf.alhpa=1"], "did you mean filters.ukf.alpha?"),
         (["run", "experiment=smoke"], "write +experiment=smoke"),
-        (["run", "--runs=1"], "there is no flag --runs=1; write runs=1 without dashes"),
+        (["run", "--runs=1"], "unknown flag --runs=1; write runs=1 without dashes"),
         (["run", "output="], "output must be a folder"),
-        (["run", "plugins=[no_such_package]"], "there is no package 'no_such_package'"),
+        (["run", "plugins=[no_such_package]"], "Python finds no package 'no_such_package'"),
         (["run", "filter.alpha=${undefined}"], "Interpolation key 'undefined' not found"),
         (["run", "scenario.duration=0.01"], "scenario.duration must be from one to ten million steps"),
         (["run", "filter=pf", "filter.particles=1e9"], "filter.particles must be from 2 to 2e7"),
@@ -187,9 +187,9 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "+experiment=field_errors", "filters.pf.partcles=9"], "did you mean filters.pf.particles?"),
         (
             ["run", "filter=[ekf,pf]", "filter.gate=0.9"],
-            "would not be used, there are several filters: write filters.<ekf|pf>.gate",
+            "would not be used, because there are several filters; write filters.<ekf|pf>.gate",
         ),
-        (["run", "filter=ekf", "filters.pf.particles=9"], "there is no pf among several filters here"),
+        (["run", "filter=ekf", "filters.pf.particles=9"], "none of these filters is called pf"),
         (["sweep", "filter=pf,ukf", "filter.particels=9,10"], "did you mean filter.particles?"),
         (["run", "+expriment=smoke"], "unknown key expriment; did you mean +experiment?"),
         (["run", "+experiment=smok"], "there is no experiment smok; did you mean smoke? (one of car_document, "),
@@ -197,14 +197,14 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "hydra.rnu.dir=x"], "unknown key hydra.rnu.dir; did you mean hydra.run.dir?"),
         (["run", "~filter.alhpa"], "unknown key filter.alhpa; did you mean filter.alpha?"),
         (["run", "--config-dir", "nowhere"], "--config-dir: there is no folder"),
-        (["run", "--confg-dir", "x"], "there is no flag --confg-dir; did you mean --config-dir?"),
-        (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
+        (["run", "--confg-dir", "x"], "unknown flag --confg-dir; did you mean --config-dir?"),
+        (["sweep", "--resme", "x"], "unknown flag --resme; did you mean --resume?"),
         (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
         (["list", "experimnts"], "got experimnts; did you mean experiments?"),
         (["list", "--config-dir", "nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
         (["list", "--cfg", "job"], "estlab list has no --cfg (see estlab list --help)"),
         (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
-        (["run", "seed=1e30"], "seed is too large a number"),
+        (["run", "seed=1e30"], "seed is too large"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
         (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
@@ -212,37 +212,37 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
         (["run", "data=files", "data.path=."], "problem3data.mat: no such file; data.path must be the folder"),
-        (["simulate"], "data.path must be given"),
-        (["rnu"], "there is no command rnu; did you mean run?"),
+        (["simulate"], "data.path is required"),
+        (["rnu"], "unknown command rnu; did you mean run?"),
         (["run", "parts={}"], "parts={}: is a list; write parts=[...]"),
         (["run", "sweep=[]"], "sweep=[]: is a group of keys; write sweep={...}"),
         (["run", "hydra.mode=x"], "hydra.mode=x: Invalid value 'x'"),
         (["run", "scenario=null"], "scenario=null: write the name of one"),
         (["run", "scenario=/etc/passwd"], "there is no scenario /etc/passwd (one of car, "),
-        (["run", "~scenario"], "scenario is missing, which a run cannot do without"),
-        (["run", "~filter"], "filter is missing, which a run cannot do without"),
+        (["run", "~scenario"], "scenario is missing, but every run needs one"),
+        (["run", "~filter"], "filter is missing, but every run needs one"),
         (["run", "~filters"], "filters is missing"),
         (["run", "filters=2.5"], "filters must be "),
-        (["run", "~sweep.dir"], "sweep.dir is missing, which other keys are made of"),
+        (["run", "~sweep.dir"], "sweep.dir is missing, but other keys refer to it"),
         (["run", "hydra.run.dir=???"], "hydra.run.dir must be a folder"),
         (["run", "hydra.run.dir="], "hydra.run.dir must be a folder"),
         (["sweep", "sweep.dir=null"], "sweep.dir must be a folder"),
         (["run", "=1"], "'=1': write key=value"),
         (["run", "data=[1,2]"], "data=[1,2]: write the name of one"),
         (["run", "filter=???"], "filter=???: write the name of one"),
-        (["run", "scenario=car,field"], "scenario=car,field: a run takes one value, estlab sweep several"),
-        (["run", "runs={}"], "runs must be a whole number, got {}"),
+        (["run", "scenario=car,field"], "scenario=car,field: a run takes one value; use estlab sweep for several"),
+        (["run", "runs={}"], "runs must be an integer, got {}"),
         (["sweep", "seed=range(1,3,0)"], "seed=range(1,3,0): range() arg 3 must not be zero"),
         (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of a sweep, once"),
         (["sweep", "--resume", "--dry-run"], "--resume takes the directory of a sweep, once"),
-        (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume says which directory"),
+        (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume already names the directory"),
         (["sweep", "sweep.dir=/proc/estlab"], "No such file or directory; give this sweep another sweep.dir"),
         *(
             (["sweep", f"hydra.sweep.subdir={name}"], "gives a job the folder ")
             for name in ("..", "", "plots", "attempts", "parts", "sweep.json", ".lock", "x" * 250)
         ),
         (["sweep", "sweep.timeout=1e30"], "sweep.timeout must be > 0 and at most 1e9, got 1e+30"),
-        (["simulate", "data.path="], "data.path must be given"),
+        (["simulate", "data.path="], "data.path is required"),
         (["simulate", f"data.path={'x' * 300}"], "File name too long"),
         (["run", ""], "'': write key=value"),
         (["run", "--cfg=jobs"], "--cfg takes job, hydra, all; got jobs; did you mean job?"),
@@ -331,7 +331,7 @@ def test_smoothing_is_a_second_set_of_tables(capsys):
     capsys.readouterr()
     assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
     assert capsys.readouterr().err.startswith(
-        "estlab: smooth=true with pf: the smoother is that of the Gaussian family"
+        "estlab: smooth=true with pf: this filter has no smoother; use one of the Gaussian family"
     )
 
 
@@ -357,7 +357,7 @@ def test_a_directory_holds_one_run_only(capsys):
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 0
     before = {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 2
-    assert "mine: holds a run already" in capsys.readouterr().err
+    assert "mine: already holds a run" in capsys.readouterr().err
     assert before == {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
 
 
@@ -372,7 +372,7 @@ def test_a_full_disk_is_said_and_the_status_is_failed(monkeypatch, capsys):
 
     monkeypatch.setattr(os, "replace", full)
     assert main(["run", *TINY, "plots=false"]) == 1
-    assert "No space left on device; the run is incomplete, make room" in capsys.readouterr().err
+    assert "No space left on device; the run is incomplete, free some space" in capsys.readouterr().err
     folder = next(Path("runs").glob("*/*_car_ukf"))
     assert status(folder)["status"] == "failed"
     assert "No space left" in status(folder)["error"]
@@ -510,7 +510,7 @@ def test_parts_that_are_missing_or_of_another_ensemble_are_named(capsys):
     common = ["run", "scenario=field", "filter=ekf", "runs=8", "steps=10", "plots=false", "block_runs=2", "keep_runs=2"]
     assert main([*common, "part=[0,2]", "hydra.run.dir=part0"]) == 0
     assert main([*common, "parts=[part0]", "hydra.run.dir=a"]) == 2
-    assert "its parts hold 2 of 4 blocks" in capsys.readouterr().err
+    assert "its parts contain 2 of 4 blocks" in capsys.readouterr().err
     assert main([*common, "parts=[part0,part1]", "hydra.run.dir=b"]) == 2
     assert "part1/part.npz: not a part of this ensemble" in capsys.readouterr().err
     assert main([*common, "part=[2,2]"]) == 2

@@ -133,8 +133,8 @@ def test_a_killed_worker_fails_the_run_in_one_line(at_work):
     process, workers = at_work
     os.kill(workers[0], signal.SIGKILL)
     said = (
-        "a worker process ended by SIGKILL, as the system ends it when memory runs out; "
-        "take cores=1 or a smaller block_runs"
+        "a worker process ended by SIGKILL, as the system does when memory runs out; "
+        "set cores=1 or a smaller block_runs"
     )
     assert process.communicate(timeout=60)[1] == f"estlab: {said}\n"
     assert process.returncode == 1

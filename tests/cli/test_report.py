@@ -121,7 +121,7 @@ def test_a_run_that_came_to_nothing_says_so_once():
     shown = read("out")
     assert shown.texts["h1"] == ["landmark · ukf · 1 run · seed 1"]
     assert "data.path: no folder nowhere" in shown.texts["p"]
-    assert "The run did not come to its figures." in shown.texts["p"]
+    assert "The run ended before it had figures." in shown.texts["p"]
     assert not any("is missing" in said for said in shown.texts["p"])
 
 
@@ -224,9 +224,10 @@ def test_a_huge_directory_makes_a_page_of_bounded_size(copy):
     said = shown.texts["p"]
     assert "Only the first 5000 rows of metrics.csv are shown." in said
     assert "Only the last 128 kB of log.txt are shown." in said
-    assert {"plots/large.png is too large and is left out.", "plots/words.png is no PNG picture and is left out."} < {
-        *said
-    }
+    assert {
+        "plots/large.png is too large and is left out.",
+        "plots/words.png is not a PNG picture and is left out.",
+    } < {*said}
     assert any(text.endswith("the very end\n") for text in shown.texts["pre"])
 
 

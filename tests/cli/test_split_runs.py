@@ -111,7 +111,7 @@ def test_a_failed_part_fails_its_job_alone_and_a_resumed_sweep_runs_that_part_al
     before = {part: Path("swept", part, "status.json").read_bytes() for part in parts()}
     failing()
     assert split_sweep("sweep.retries=1") == 0
-    assert "1 of 2 jobs and 2 of 3 parts of the others are done, the others run" in capsys.readouterr().err
+    assert "1 of 2 jobs and 2 of 3 parts of the others are done, the others will run" in capsys.readouterr().err
     assert [part for part, was in before.items() if Path("swept", part, "status.json").read_bytes() != was] == [failed]
     assert_same_figures(whole / "0_field_ekf", Path("swept/0_field_ekf"))
     assert table() == table(str(whole))
@@ -199,8 +199,8 @@ def test_a_dry_run_counts_the_parts(capsys):
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("part=[0,2]", "part=[0,2]: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead"),
-        ("parts=[a,b]", "parts=[a,b]: a sweep makes parts of its jobs itself"),
+        ("part=[0,2]", "part=[0,2]: a sweep splits its jobs itself; write sweep.split_runs=16 instead"),
+        ("parts=[a,b]", "parts=[a,b]: a sweep splits its jobs itself"),
         ("sweep.split_runs=0", "sweep.split_runs must be from 1 to 1e4, got 0"),
     ],
 )

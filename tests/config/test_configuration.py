@@ -83,7 +83,7 @@ def test_every_experiment_says_what_it_finds(experiment):
             "filter.noise must be one of additive, augmented, got adaptive; did you mean additive?",
         ),
         ("runs=0", "runs must be from 1 to 1e9, got 0"),
-        ("runs=2.5", "runs must be a whole number, got 2.5"),
+        ("runs=2.5", "runs must be an integer, got 2.5"),
         ("seed=-3", "seed must be >= 0, got -3"),
         ("plots=7", "plots must be true or false, got 7"),
         ("scenario.dt=0", "scenario.dt must be > 0 and finite, got 0"),
@@ -95,7 +95,7 @@ def test_every_experiment_says_what_it_finds(experiment):
             "noise.truth.measurement_scale must be > 0 and between 1e-50 and 1e50, got -1",
         ),
         ("scenario.truth=modle", "did you mean model?"),
-        ("data=files", "data.path must be given"),
+        ("data=files", "data.path is required"),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key(override, message):

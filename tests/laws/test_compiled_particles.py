@@ -114,7 +114,7 @@ def test_models_that_cannot_be_traced_are_named_or_run_on_numpy(caplog):
     wanted, record = settings("filter=pf", "filter.particles=20").filter, pendulum.record(runs=1)
     line = (
         r"^engine=compiled cannot trace branching \(tests/pendulum\.py:\d+\): it branches on a value: take np\.where; "
-        r"take engine=numpy$"
+        r"set engine=numpy$"
     )
     with pytest.raises(UserError, match=line):
         estimated(ParticleLoop(wanted, *models), record)
@@ -122,7 +122,7 @@ def test_models_that_cannot_be_traced_are_named_or_run_on_numpy(caplog):
     loop = ParticleLoop(wanted, *models, insist=False)
     loop.prepare(record, Streams(1, "test").generators("filter", range(1)))
     np.testing.assert_array_equal(estimated(loop, record).mean, estimated(Loop(wanted, *models), record).mean)
-    assert caplog.text.count("engine=numpy, since models cannot be traced: branching (tests/pendulum.py:") == 1
+    assert caplog.text.count("engine=numpy, because the models cannot be traced: branching (tests/pendulum.py:") == 1
 
 
 def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplog):
@@ -134,7 +134,7 @@ def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplo
     with pytest.raises(UserError, match=r"^engine=compiled: llvmlite cannot be loaded \(libllvmlite\.so: cannot open"):
         estimated(ParticleLoop(wanted, *MODELS), record)
     found = estimated(ParticleLoop(wanted, *MODELS, insist=False), record)
-    assert "engine=numpy, since llvmlite cannot be loaded" in caplog.text
+    assert "engine=numpy, because llvmlite cannot be loaded" in caplog.text
     np.testing.assert_array_equal(found.mean, estimated(Loop(wanted, *MODELS), record).mean)
 
 

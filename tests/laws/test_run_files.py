@@ -83,7 +83,7 @@ def test_no_folder_on_the_way_is_followed(trap, root):
         lambda: RunDirectory(root / "way", root),
         lambda: RunDirectory(root / "way/run", root),
     ):
-        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is no folder)"):
+        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is not a folder)"):
             use()
     assert not files.is_file(root, "way/file")
 
@@ -106,7 +106,7 @@ def test_a_file_with_a_second_name_elsewhere_is_not_written_as_it_stands(root):
 def test_a_file_that_is_too_large_is_not_read(root):
     with open(root / "zeros", "wb") as stream:
         stream.truncate(2**40)  # which take no room
-    with pytest.raises(files.RefusedError, match="larger than what a run writes"):
+    with pytest.raises(files.RefusedError, match="larger than any file of a run"):
         files.read(root, "zeros", 2**20)
 
 

@@ -106,7 +106,7 @@ def test_a_worker_that_wants_to_exit_does_not_end_in_silence():
 
 
 def test_a_killed_worker_is_one_line_that_names_the_remedy():
-    with pytest.raises(WorkerLostError, match="SIGKILL, as the system ends it when memory runs out; take cores=1"):
+    with pytest.raises(WorkerLostError, match="SIGKILL, as the system does when memory runs out; set cores=1"):
         together("die", 3)
     assert multiprocessing.active_children() == []
 
