@@ -8,6 +8,7 @@ import pytest
 from estlab.cli.main import main
 from estlab.errors import UserError, is_lack_of_memory
 from estlab.experiment import experiment
+from estlab.launch import execute
 from estlab.parallel import cores
 
 MB = 2**20
@@ -61,7 +62,7 @@ def test_a_run_that_meets_its_limit_says_so_and_what_to_lower(error, tmp_path, m
     monkeypatch.setattr(experiment, "run", fail)
     assert main(["run", "scenario=landmark", "report=false", "hydra.run.dir=run"]) == 1
     assert capsys.readouterr().err.startswith("estlab: out of memory; lower block_runs")
-    monkeypatch.setattr(experiment, "check", fail)
+    monkeypatch.setattr(execute, "check", fail)
     assert main(["run", "scenario=landmark", "hydra.run.dir=other"]) == 1
     assert capsys.readouterr().err.startswith("estlab: out of memory; ")
 
