@@ -55,7 +55,7 @@ def test_each_job_of_a_sweep_is_a_run(swept):
         _ = found["1_landmark_ekf"]
     with pytest.raises(KeyError, match="9_landmark_ekf"):
         _ = found["9_landmark_ekf"]
-    with pytest.raises(estlab.UserError, match="is no directory of a sweep that has ended"):
+    with pytest.raises(estlab.UserError, match="not the directory of a finished sweep"):
         estlab.Sweep(found.path / "0_landmark_ekf")
 
 
@@ -70,7 +70,7 @@ def test_a_comparison_has_the_lines_that_the_command_writes(swept):
     assert list(found["label"]) == ["ekf", "ukf"] == list(there["label"])
     for name in ("rmse.position", "difference.position"):
         assert found[name].astype(float).equals(there[name])
-    with pytest.raises(estlab.UserError, match="there is no such row"):
+    with pytest.raises(estlab.UserError, match="no such row"):
         estlab.compare(place / "0_landmark_ekf", against="5")
 
 

@@ -191,7 +191,7 @@ def test_control_c_leaves_tables_and_says_how_to_go_on(capsys):
     process.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell's background jobs ignore
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert err == f"estlab: interrupted; estlab sweep --resume {Path('stopped').resolve()} goes on\n"
+    assert err == f"estlab: interrupted; continue with estlab sweep --resume {Path('stopped').resolve()}\n"
     assert [row["status"] for row in table("stopped")] == ["ok", "left"]
 
 
