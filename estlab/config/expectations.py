@@ -4,7 +4,6 @@ An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and 
 allowed values there in metrics.csv. Without a filter it applies to each; without a component, to the metric's only one
 or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``: the row by the content of its
 first column, the column with or without its unit. A value that is missing or NaN meets no expectation.
-
 Values are compared to twelve digits, so a share of time that is one except for the last bit is one.
 """
 
@@ -18,6 +17,7 @@ from typing import Any
 
 from estlab.config.build import nearest
 from estlab.errors import UserError
+from estlab.metrics.digits import bracket
 from estlab.metrics.verdict import WORDS
 
 _Row = Mapping[str, Any]
@@ -91,8 +91,8 @@ class Finding:
 
     def cells(self) -> tuple[str, ...]:
         """A line of a table: filter, what, expected, found with its interval, ok or FAILED."""
-        interval = f" [{self.low:.3g}, {self.high:.3g}]" if self.low == self.low else ""
-        return self.filter, self.what, self.expected, self.found + interval, "ok" if self.met else "FAILED"
+        outcome = "ok" if self.met else "FAILED"
+        return self.filter, self.what, self.expected, self.found + bracket(self.low, self.high), outcome
 
 
 def parse(expect: Any, filters: Sequence[str]) -> list[Expectation]:

@@ -1,5 +1,6 @@
 """One experiment: computed, written to its directory, told on the terminal."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -9,7 +10,7 @@ from estlab.config.expectations import Finding
 from estlab.config.settings import Settings
 from estlab.errors import IncompleteError
 from estlab.experiment import parts
-from estlab.experiment.compute import compute, compute_part
+from estlab.experiment.compute import Progress, compute, compute_part
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.write import write
@@ -17,13 +18,24 @@ from estlab.report import console, grids, terminal
 from estlab.report.expected import HEADINGS, expected_grid
 from estlab.rundir import RunDirectory
 
+Show = Callable[[Result, Path], object]
+
 
 @plugins_named
-def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list[Finding]:
-    """Compute, write every file of the directory except its configuration and status, and print the summary.
+def run(
+    settings: Settings,
+    directory: RunDirectory,
+    command: list[str],
+    progress: Progress | None = None,
+    show: Show | None = None,
+) -> list[Finding]:
+    """Compute, write every file of the directory except its configuration and status, and show the result.
 
     Returns the findings about expectations. A statistic, table or picture that cannot be made is missing, with a
     remark.
+
+    progress: see :func:`compute`; None: a bar on the terminal. show: is given the result and where it was written;
+    None: prints the summary.
 
     Raises UserError for invalid data, OSError for a disk that cannot be written, IncompleteError if metrics.csv,
     estimates.npz or a filter's errors are missing; everything else is kept.
@@ -34,7 +46,7 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
         runs=len(runs), first_run=runs[0],
     )  # fmt: skip
     directory.keep_sources(settings.plugins)
-    progress = partial(console.progress, f"{names.scenario} {' '.join(filters)}")
+    progress = progress or partial(console.progress, f"{names.scenario} {' '.join(filters)}")
     if settings.part is not None:
         ensemble = compute_part(settings, directory.describe, progress)
         directory.keep_sources(settings.plugins)
@@ -46,7 +58,7 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
     result = compute(settings, directory.describe, progress)
     directory.keep_sources(settings.plugins)  # modules that were imported on the way
     write(result, directory)
-    _print(result, _short(directory.path))
+    (show or _print)(result, _short(directory.path))
     directory.describe(missing=result.attempts.missing)
     result.attempts.complete(directory.path)
     return result.expected

@@ -38,6 +38,7 @@ resolvers.register()  # at import: a worker of a sweep unpickles the loader belo
 
 def install() -> None:
     """Make Hydra compose through this module, in this process and in those that receive its jobs."""
+    resolvers.register()
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
     hydras_own.Hydra = Hydra  # type: ignore[misc]

@@ -63,8 +63,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
         # Hydra prints errors over several lines and exits with 1; with this variable it raises them, and we print one
         # line.
         os.environ["HYDRA_FULL_ERROR"] = "1"
-        composition.install()
-        hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
+        with composition.installed():
+            hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except HydraException as error:
         # Before OSError, its base class: a missing configuration.
         if traceback_wanted:

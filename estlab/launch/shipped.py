@@ -16,9 +16,9 @@ def shipped_filter(name: str) -> dict[str, Any]:
 
     from estlab.launch import resolvers
 
-    resolvers.register()
     known = options("filter")
     if name not in known:
         raise UserError(f"there is no filter {name}{nearest(name, list(known))} (one of {', '.join(known)})")
     config = OmegaConf.create({"filter": OmegaConf.load(conf_folder() / "filter" / f"{name}.yaml")})
-    return cast(dict[str, dict[str, Any]], OmegaConf.to_container(config, resolve=True))["filter"]
+    with resolvers.registered():
+        return cast(dict[str, dict[str, Any]], OmegaConf.to_container(config, resolve=True))["filter"]

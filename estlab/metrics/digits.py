@@ -77,6 +77,12 @@ def bracketed(found: Estimate, expected: float = math.nan) -> str:
     return f"{figure(found, expected)} [{both.replace(' to ', ', ')}]" if both else figure(found)
 
 
+def bracket(low: float, high: float) -> str:
+    """An interval as it stands behind a value: ' [0.944, 1.052]'; nothing without one."""
+    both = interval(Estimate(0.5 * (low + high), low, high, 0))
+    return f" [{both.replace(' to ', ', ')}]" if both else ""
+
+
 def share(value: float) -> str:
     """A share in per cent: 97.1 %; nothing for NaN."""
     return "" if math.isnan(value) else f"{100.0 * value:.1f} %"

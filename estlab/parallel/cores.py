@@ -5,12 +5,13 @@ import math
 import os
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from estlab.errors import UserError
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_THREADS_OF_OPENBLAS = "scipy_openblas_{}_num_threads64_", "openblas_{}_num_threads64_", "openblas_{}_num_threads"
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # malloc.h
 _MOST_MAPPED = 32 * 2**20  # the most that glibc takes
 # MB of address space as measured: 299 for a run, 419 for a sweep, whose pictures need pandas, and 463; plus a margin
@@ -45,8 +46,38 @@ def one_thread_each() -> None:
     The matrices here are small. A process with one thread can be forked, and does not compete with its siblings for a
     core.
     """
-    if "numpy" not in sys.modules and not any(name in os.environ for name in _THREADS):
+    if "numpy" not in sys.modules and not _user_says():
         os.environ.update(dict.fromkeys(_THREADS, "1"))
+
+
+@contextlib.contextmanager
+def one_thread_meanwhile() -> Iterator[None]:
+    """The same for the body alone, once NumPy is imported: of its OpenBLAS; any other library is left as it is."""
+    count, set_count = (int, id) if _user_says() else _openblas()
+    before = count()
+    set_count(1)
+    try:
+        yield
+    finally:
+        set_count(before)
+
+
+def _user_says() -> bool:
+    """Whether the user says how many threads linear algebra has."""
+    return any(name in os.environ for name in _THREADS)
+
+
+def _openblas() -> tuple[Callable[[], int], Callable[[int], object]]:
+    """What gives and what sets the number of its threads; for another library nothing does."""
+    import ctypes
+
+    from numpy.linalg import _umath_linalg
+
+    library = ctypes.CDLL(_umath_linalg.__file__)  # it finds the names of what it is linked with, too
+    for name in _THREADS_OF_OPENBLAS:
+        with contextlib.suppress(AttributeError):
+            return getattr(library, name.format("get")), getattr(library, name.format("set"))
+    return int, lambda count: None
 
 
 def enough_memory(what: str) -> None:

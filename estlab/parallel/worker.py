@@ -29,11 +29,12 @@ def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> No
     threading.Thread(target=_end_with_parent, daemon=True).start()
     messages = _Messages(end)
     messages.take_over_logging()
-    while (number := _next(end)) is not None:
-        try:
-            messages.send(DONE, (number, work(number, messages.on_step)))
-        except (Exception, SystemExit) as error:
-            messages.send(FAILED, _portable(error))
+    with cores.one_thread_meanwhile():
+        while (number := _next(end)) is not None:
+            try:
+                messages.send(DONE, (number, work(number, messages.on_step)))
+            except (Exception, SystemExit) as error:
+                messages.send(FAILED, _portable(error))
 
 
 def _next(end: Connection) -> int | None:

@@ -1,6 +1,6 @@
 """The page of a run, only from its directory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from estlab import rundir
 from estlab.metrics.tally import CAUSES
@@ -9,6 +9,7 @@ from estlab.metrics.vocabulary import (
     HOLM_INTERVAL,
     HOLM_P,
     INTERVAL,
+    METRICS,
     errors_beside,
     expected,
     heading,
@@ -27,7 +28,7 @@ from estlab.report.cells import (
     share_interval_cell,
 )
 from estlab.report.contents import Contents, UnusableError, as_number
-from estlab.report.markup import Cell, Html, join, note, table, tag
+from estlab.report.markup import Cell, Html, folded, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
 
 Make = Callable[[], Html]
@@ -230,4 +231,12 @@ class _Run:
             rows.append([*(row.get(column, "") for column in columns), figure_cell(row), interval_cell(row)])
             rows[-1].append(number_cell(row.get("n")))
         headings = (*columns, "value", INTERVAL, "runs")
-        return join([table("Every row of metrics.csv", headings, rows, filtered=True), note(found.remark)])
+        every = table("Every row of metrics.csv", headings, rows, filtered=True)
+        return join([every, note(found.remark), _glossary({row.get("metric", "") for row in found.rows})])
+
+
+def _glossary(metrics: Collection[str]) -> Html:
+    """What each of these metrics is, in the order of the vocabulary."""
+    rows = [(name, term.heading, term.meaning) for name, term in METRICS.items() if name in metrics]
+    meanings = tag("div", table("What each metric is", ("metric", "called", "what it is"), rows), class_="prose")
+    return folded("What each metric is", meanings) if rows else Html()

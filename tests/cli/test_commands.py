@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
+import estlab
 from estlab import __version__
 from estlab.cli.main import main
 from estlab.experiment import statistics
@@ -114,14 +115,13 @@ def test_a_run_writes_everything_the_contract_names(capsys):
 
 
 def test_tables_of_the_ensemble_are_those_of_the_kept_runs():
-    """Every figure again, from estimates.npz alone, by other code."""
-    assert main(["run", "scenario=landmark", "filter=ekf", "runs=5", "steps=40", "plots=false"]) == 0
-    folder = latest()
-    with np.load(folder / "estimates.npz") as arrays:
-        truth, mean, cov = (np.moveaxis(arrays[name], -1, 0) for name in ("truth", "mean", "cov"))
+    """Every figure again, from the estimates alone, by other code."""
+    run = estlab.run("scenario=landmark", "filter=ekf", runs=5, steps=40, save=False)
+    found = run.estimates["ekf"]
+    truth, mean, cov = (np.moveaxis(array, -1, 0) for array in (found.truth, found.mean, found.cov))
     error = mean - truth
     error[:, 2] = np.arctan2(np.sin(error[:, 2]), np.cos(error[:, 2]))
-    metrics = pd.read_csv(folder / "metrics.csv").set_index(["metric", "component"])["value"]
+    metrics = run.metrics.set_index(["metric", "component"])["value"]
     np.testing.assert_allclose(metrics["rmse", "y"], np.sqrt((error[:, 1] ** 2).mean()))
     np.testing.assert_allclose(metrics["rmse", "position"], np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()))
     nees = [
@@ -129,29 +129,23 @@ def test_tables_of_the_ensemble_are_those_of_the_kept_runs():
         for es, ps in zip(error, cov, strict=True)
     ]
     np.testing.assert_allclose(metrics["anees", "all"], np.mean(nees) / 3)
-    table = pd.read_csv(folder / "nees.csv")
-    np.testing.assert_allclose(table["anees"], np.mean(nees, axis=0) / 3)
+    np.testing.assert_allclose(run.nees["anees"], np.mean(nees, axis=0) / 3)
     medians = np.median(np.abs(error[:, 0]), axis=1)
     np.testing.assert_allclose(metrics["median_abs_error", "x"], medians.mean())
     sigma = np.sqrt(cov[:, 2, 2])
     np.testing.assert_allclose(metrics["inside_3sigma", "heading"], (np.abs(error[:, 2]) <= 3 * sigma).mean())
 
 
-def test_the_same_command_gives_the_same_tables_whatever_the_block():
-    tables = []
-    for block in ("500", "3"):
-        assert (
-            main(
-                ["run", "scenario=landmark", "runs=7", "steps=30", "keep_runs=2", f"block_runs={block}", "plots=false"]
-            )
-            == 0
-        )
-        tables.append((pd.read_csv(latest() / "metrics.csv"), dict(np.load(latest() / "estimates.npz"))))
-    (one, kept), (other, also_kept) = tables
-    np.testing.assert_allclose(one["value"], other["value"], rtol=1e-10)
-    np.testing.assert_allclose(one["ci_low"], other["ci_low"], rtol=1e-9)
-    for name, array in kept.items():
-        np.testing.assert_allclose(array, also_kept[name], rtol=1e-10, atol=1e-12)
+def test_the_same_run_gives_the_same_tables_whatever_the_block():
+    one, other = (
+        estlab.run("scenario=landmark", runs=7, steps=30, keep_runs=2, block_runs=block, save=False)
+        for block in (500, 3)
+    )
+    np.testing.assert_allclose(one.metrics["value"], other.metrics["value"], rtol=1e-10)
+    np.testing.assert_allclose(one.metrics["ci_low"], other.metrics["ci_low"], rtol=1e-9)
+    for name in ("mean", "cov", "truth"):
+        arrays = (getattr(run.estimates["ukf"], name) for run in (one, other))
+        np.testing.assert_allclose(*arrays, rtol=1e-10, atol=1e-12)
 
 
 def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
@@ -300,39 +294,35 @@ def test_a_reader_that_leaves_does_not_end_the_run():
 def test_several_filters_meet_the_same_truth_and_readings(capsys):
     assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY, "plots=false"]) == 0
     assert latest().name.endswith("_landmark_ekf-ukf")
-    metrics = pd.read_csv(latest() / "metrics.csv")
-    assert list(dict.fromkeys(metrics["filter"])) == ["ekf", "ukf"]
-    together = dict(np.load(latest() / "estimates.npz"))
-    out = capsys.readouterr().out
-    assert "filters.ukf.alpha=0.5" in out
-    assert main(["run", "scenario=landmark", "filter=ekf", *TINY, "plots=false"]) == 0
-    alone = dict(np.load(latest() / "estimates.npz"))
-    np.testing.assert_array_equal(together["ekf.mean"], alone["mean"])
-    np.testing.assert_array_equal(together["values"], alone["values"])
+    assert "filters.ukf.alpha=0.5" in capsys.readouterr().out
+    together = estlab.load("latest")
+    assert list(dict.fromkeys(together.metrics["filter"])) == ["ekf", "ukf"]
+    alone = estlab.run("scenario=landmark", "filter=ekf", *TINY, save=False)
+    np.testing.assert_array_equal(together.estimates["ekf"].mean, alone.estimates["ekf"].mean)
+    np.testing.assert_array_equal(together.runs["readings_mark"], [*alone.runs["readings_mark"]] * 2)
     assert main(["run", "filter=[ekf,ekf]"]) == 2
     assert main(["run", "filter=[ekf,nope]"]) == 2
 
 
 def test_order_of_filters_changes_no_figure():
     found = []
-    for names in ("pf,ukf", "ukf,pf"):
-        assert main(["run", "scenario=landmark", f"filter=[{names}]", *TINY, "plots=false"]) == 0
-        found.append(pd.read_csv(latest() / "metrics.csv").sort_values(["filter", "metric", "component"]))
+    for names in (["pf", "ukf"], ["ukf", "pf"]):
+        run = estlab.run("scenario=landmark", *TINY, filter=names, save=False)
+        found.append(run.metrics.sort_values(["filter", "metric", "component"]))
     np.testing.assert_array_equal(found[0]["value"].to_numpy(), found[1]["value"].to_numpy())
 
 
-def test_smoothing_is_a_second_set_of_tables(capsys):
-    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60", "plots=false"]) == 0
-    metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
+def test_smoothing_is_a_second_set_of_tables():
+    run = estlab.run("scenario=landmark", smooth=True, runs=6, steps=60, save=False)
+    metrics = run.metrics.set_index(["filter", "metric", "component"])["value"]
     assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
     # The bound is of the readings so far, which a smoother is not bound by.
     assert metrics["ukf", "efficiency", "position"] < 1.5
     assert ("ukf_smoothed", "efficiency", "position") not in metrics
-    capsys.readouterr()
-    assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
-    assert capsys.readouterr().err.startswith(
-        "estlab: smooth=true with pf: this filter has no smoother; use one of the Gaussian family"
-    )
+    with pytest.raises(
+        estlab.UserError, match="smooth=true with pf: this filter has no smoother; use one of the Gaussian"
+    ):
+        estlab.run("scenario=landmark", "filter=pf", smooth=True, save=False)
 
 
 def test_gated_readings_are_counted(capsys):
@@ -343,14 +333,9 @@ def test_gated_readings_are_counted(capsys):
 
 
 def test_repeats_of_one_recording_have_no_interval():
-    assert (
-        main(["run", "scenario=landmark", "data=files", f"data.path={ROOT}/data/landmark", "runs=3", "plots=false"])
-        == 0
-    )
-    metrics = pd.read_csv(latest() / "metrics.csv")
-    assert metrics["ci_low"].isna().all()
-    nees = pd.read_csv(latest() / "nees.csv")
-    assert nees["upper"].min() > 3.0, "the band of a single run"
+    run = estlab.run("scenario=landmark", "data=files", runs=3, save=False, **{"data.path": ROOT / "data/landmark"})
+    assert run.metrics["ci_low"].isna().all()
+    assert run.nees["upper"].min() > 3.0, "the band of a single run"
 
 
 def test_a_directory_holds_one_run_only(capsys):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+import estlab
 from estlab.cli.main import main
 from estlab.launch.arguments import prepared
 from tests.conftest import ROOT, composed, options
@@ -52,9 +53,10 @@ def test_every_set_is_of_a_file_that_there_is(shared):
 
 def test_many_particles_find_the_robot_of_one_recording_again_and_again_and_few_do_not():
     """Document 000, IV b i, on the recording in the repository."""
-    words = ["data=files", f"data.path={ROOT / 'data' / 'sonar'}", "runs=40", "plots=false", "report=false"]
-    assert main(["run", "+experiment=sonar_particles", *words]) == 0
-    assert held() == [("found", True), ("found", True)]
+    recording = {"data": "files", "data.path": ROOT / "data" / "sonar"}
+    run = estlab.run(experiment="sonar_particles", runs=40, save=False, **recording)
+    assert run.status == "ok"
+    assert list(run.expectations["expectation"]) == ["found", "found"]
 
 
 def test_of_an_unknown_recording_nothing_is_held_and_that_is_said(capsys):

@@ -74,6 +74,12 @@ def test_a_run_leaves_a_page_that_its_directory_alone_draws_again(words, code, c
     assert (moved / "report.html").read_bytes() == first, "the page that is there already changes nothing"
 
 
+def test_the_page_says_what_each_metric_is(whole):
+    rows = read(whole).tables["What each metric is"][1:]
+    assert {row[0][0] for row in rows} == set(pd.read_csv(whole / "metrics.csv")["metric"])
+    assert all(row[1][0] and row[2][0] for row in rows)
+
+
 def test_the_page_has_every_figure_of_the_metrics_in_full(whole):
     table = pd.read_csv(whole / "metrics.csv")
     numbers = [row[4][1] for row in read(whole).tables["Every row of metrics.csv"][1:]]
@@ -255,7 +261,7 @@ def test_nothing_that_a_directory_names_is_imported_or_run(copy):
     ("words", "said"),
     [
         ([], "estlab report takes the directory of a run or a sweep, for example estlab report runs/latest"),
-        (["copy", "nowhere"], "nowhere: there is no such directory"),
+        (["copy", "nowhere"], "nowhere: no such directory"),
         (
             ["copy", "empty"],
             "empty: holds neither a run nor a sweep; name a directory that estlab run or estlab sweep made",

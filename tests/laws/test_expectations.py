@@ -192,7 +192,7 @@ def test_the_table_for_machines_has_values_in_full():
 
 def test_the_interval_stands_beside_the_value():
     assert Finding("ekf", "rmse.x", "1", "0.15", False, 0.15, 0.1, 0.2).cells() == (
-        "ekf", "rmse.x", "1", "0.15 [0.1, 0.2]", "FAILED",
+        "ekf", "rmse.x", "1", "0.15 [0.100, 0.200]", "FAILED",
     )  # fmt: skip
 
 
