@@ -130,8 +130,8 @@ WRONG = {
     "nowhere": {"config_dir": "nowhere"},
     "--cfg=job belongs to the command line": {"words": ("--cfg=job",)},
     "nonsense": {"words": ("nonsense",)},
-    "seed is a object; a value is": {"seed": object()},
-    "3 is no text: write key=value": {"words": (3,)},
+    "seed is a object; a value must be": {"seed": object()},
+    "3 is not a text: write key=value": {"words": (3,)},
     "use estlab.sweep for several": {"words": ("hydra.mode=MULTIRUN",)},
     "Odometry.dat": {"data": "files", "data.path": "."},
 }
