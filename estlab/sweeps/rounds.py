@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from estlab import rundir
 from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
-from estlab.launch.quoting import literal, quoted
+from estlab.launch.quoting import literal
 from estlab.sweeps import state
-from estlab.sweeps.job import task
+from estlab.sweeps.job import job_of, task
 from estlab.sweeps.state import Planned
 
 if TYPE_CHECKING:
@@ -66,20 +66,26 @@ class Rounds:
         from hydra.core.hydra_config import HydraConfig
         from hydra.core.plugins import Plugins
 
+        from estlab.sweeps import ready
+
         # joblib and submitit ask for a job's name before they have set its configuration.
         HydraConfig.instance().set_config(self.config)
         launcher = Plugins.instance().instantiate_launcher(
-            hydra_context=self.context, task_function=task, config=self.config
+            hydra_context=ready.context_of(self.context), task_function=task, config=self.config
         )
-        place = f"hydra.sweep.dir={quoted(literal(str(self.sweep)))}"
-        words = [[*job.overrides, place, f"hydra.sweep.subdir={quoted(literal(job.name))}"] for job in jobs]
+        words = [[ready.packed(job_of(job, self.sweep, self._in_turn))] for job in jobs]
         return launcher.launch(words, initial_job_idx=jobs[0].number)
+
+    @property
+    def _in_turn(self) -> bool:
+        """Whether the launcher is Hydra's basic one, which runs jobs in this process one after another."""
+        return str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher")
 
     def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:
         """The launcher gave up. If it began nothing, the next job may yet go; another engine cannot start at all."""
         if not all(self._has_not_begun(job) for job in jobs):
             return  # a worker died, and with some launchers all of its pool; the rest goes again
-        if not str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher"):
+        if not self._in_turn:
             name = self.config.hydra.runtime.choices["hydra/launcher"]
             raise UserError(f"hydra/launcher={name} cannot start: {_told(error)}") from error
         if len(jobs) == 1:
