@@ -1,9 +1,9 @@
-"""Jobs of a sweep on all cores of this machine: processes forked from the sweep's own, each at one job after another."""
+"""Jobs of a sweep on all cores of this machine: forked from the sweep's process, each worker runs job after job."""
 
 import multiprocessing
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -49,15 +49,16 @@ class Forked:
     def run(self) -> dict[int, str]:
         """Do all jobs, as far as workers live; the reasons of those that never began."""
         waiting, reasons = list(range(self._jobs)), {}
-        for end in list(self._workers):
-            self._give(end, waiting)
+        for worker in self._workers:
+            self._give(worker, waiting)
         while self._workers:
             for end in wait(list(self._workers)):
                 assert isinstance(end, Connection)
                 try:
                     number, reason = end.recv()
-                except (EOFError, OSError):
-                    self._workers.pop(end).join()  # it was killed; the status of its job says so
+                except (EOFError, OSError):  # it is done, or was killed, which the status of its job says
+                    self._workers.pop(end).join()
+                    end.close()
                     continue
                 if reason:
                     reasons[number] = reason
@@ -66,12 +67,8 @@ class Forked:
 
     def _give(self, end: Connection, waiting: list[int]) -> None:
         """The next job, or none if there is none left."""
-        try:
+        with suppress(OSError):  # it is gone, as its end of the pipe says too
             end.send(waiting.pop(0) if waiting else None)
-        except OSError:
-            return  # it is gone, which is found at its end of the pipe
-        if not waiting:
-            return
 
     def _start(self) -> None:
         context: Any = multiprocessing.get_context("fork")
@@ -99,6 +96,9 @@ class Forked:
 def _serve(work: Work, end: Connection) -> None:
     """In a worker: do the jobs whose numbers come. It ends when its parent does, however that ends."""
     threading.Thread(target=end_with_parent, daemon=True).start()
+    # What interrupts all processes of a terminal comes to the parent, which ends each of its workers, once.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     with suppress(KeyboardInterrupt, EOFError, OSError):
         while (number := end.recv()) is not None:

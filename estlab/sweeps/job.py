@@ -78,20 +78,27 @@ class Job:
 
 
 def task(config: "DictConfig") -> int:
-    """Run a ready job, again as often as it may be; the last attempt's exit code."""
+    """Run the ready job that one of Hydra's launchers was given; the last attempt's exit code."""
     from hydra.core.hydra_config import HydraConfig
 
     from estlab.sweeps import ready
 
+    return perform(ready.job_of(config), _is_ours(HydraConfig.get().launcher))
+
+
+def perform(job: Job, ours: bool) -> int:
+    """Run a job, again as often as it may be; the last attempt's exit code.
+
+    ours: whether this process is there for the sweep alone, and ends with it.
+    """
     with _ONE_AT_A_TIME:
-        job = ready.job_of(config)
         sweep, name = Path(job.sweep), job.name
         if state.stopped(sweep):
             with contextlib.suppress(OSError):
                 (sweep / name).rmdir()  # Hydra made it; what is not empty stays
             return OK
         limits = job.plain["sweep"]
-        if _is_ours(HydraConfig.get().launcher):
+        if ours:
             _end_with(sweep)
         code = OK
         for _ in range(1 + limits["retries"]):

@@ -2,9 +2,11 @@
 
 import contextlib
 import errno
+import importlib
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +14,10 @@ from estlab import rundir
 from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.launch.quoting import literal
+from estlab.parallel import cores
 from estlab.sweeps import state
-from estlab.sweeps.job import job_of, task
+from estlab.sweeps.forked import Forked
+from estlab.sweeps.job import job_of, perform, task
 from estlab.sweeps.state import Planned
 
 if TYPE_CHECKING:
@@ -37,6 +41,34 @@ class Rounds:
             config.hydra.sweep.dir = literal(str(sweep))
         # Of jobs without a directory, when there is no room for one.
         self.errors: dict[str, str] = {}
+        self._forked: Forked | None = None
+
+    @contextmanager
+    def workers(self, left: "Sequence[Planned]") -> Iterator[None]:
+        """In the body, the first round that runs is of these jobs, on all cores if they are run on this machine."""
+
+        def work(number: int) -> str:
+            try:
+                perform(job_of(left[number], self.sweep, alone=False), ours=True)
+            except Exception as error:
+                return _told(error)
+            return ""
+
+        count = self._workers_of(len(left))
+        if count > 1:
+            importlib.import_module("estlab.experiment.experiment")  # once for all
+        with Forked(work, len(left), count) as self._forked:
+            yield
+
+    def _workers_of(self, jobs: int) -> int:
+        """How many processes run so many jobs; one where a launcher was chosen, or Hydra has more to do for a job."""
+        hydra, chosen = self.config.hydra, self.config.hydra.overrides.hydra
+        asked = any(str(word).startswith("hydra/launcher=") for word in chosen)
+        if asked or not self._in_turn or hydra.callbacks or hydra.job.chdir or hydra.job.env_set:
+            return 1
+        usable = cores.usable()
+        # Of fewer jobs than cores, each has all cores in its turn.
+        return min(self.limits.workers or (usable if jobs >= usable else 1), jobs)
 
     def run(self, left: list[Planned]) -> None:
         """Run these jobs. Their directories say how it went, and ``errors`` where there is none.
@@ -51,6 +83,11 @@ class Rounds:
             left = [job for job in left if self._may_go_again(job, deaths[job.name] if job.name in lost else None)]
 
     def _launch(self, jobs: "Sequence[Planned]") -> None:
+        if self._forked and self._forked.ready:
+            for number, reason in self._forked.run().items():
+                if self._has_not_begun(jobs[number]) and not self._stopped():
+                    self._fail(jobs[number], reason)
+            return
         try:
             returns = self._launched(jobs)
         except UserError:
@@ -60,7 +97,8 @@ class Rounds:
             return
         for job, result in zip(jobs, returns, strict=True):
             if self._has_not_begun(job) and not self._stopped():
-                self._fail(job, getattr(result, "_return_value", None))
+                found = getattr(result, "_return_value", None)
+                self._fail(job, _told(found) if isinstance(found, Exception) else "its launcher never began it")
 
     def _launched(self, jobs: "Sequence[Planned]") -> "Returns[JobReturn]":
         from hydra.core.hydra_config import HydraConfig
@@ -89,7 +127,7 @@ class Rounds:
             name = self.config.hydra.runtime.choices["hydra/launcher"]
             raise UserError(f"hydra/launcher={name} cannot start: {_told(error)}") from error
         if len(jobs) == 1:
-            self._fail(jobs[0], error)
+            self._fail(jobs[0], _told(error))
             return
         for job in jobs:
             if not self._stopped():
@@ -111,9 +149,8 @@ class Rounds:
                 rundir.end(self.sweep, job.name, _LOST)
         return found in ("running", "interrupted")
 
-    def _fail(self, job: Planned, error: object) -> None:
+    def _fail(self, job: Planned, message: str) -> None:
         """Say in its directory why a job never began, or remember it where there is no room even for that."""
-        message = _told(error) if isinstance(error, Exception) else "its launcher never began it"
         try:
             rundir.end(self.sweep, job.name, message)
         except OSError:

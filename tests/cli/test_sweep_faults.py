@@ -45,8 +45,9 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     wait_for(moment)
     process.kill()
     process.communicate()
-    done = {folder: (Path("killed") / folder / "run.json").read_bytes() for folder in job_folders("killed")}
-    done = {folder: was for folder, was in done.items() if status(Path("killed") / folder)["status"] == "ok"}
+    wait_for(lambda: not any(lives(status(Path("killed") / folder)["pid"]) for folder in job_folders("killed")))
+    ok = [folder for folder in job_folders("killed") if status(Path("killed") / folder)["status"] == "ok"]
+    done = {folder: (Path("killed") / folder / "run.json").read_bytes() for folder in ok}
     capsys.readouterr()
     assert main(["sweep", "--resume", "killed"]) == 0
     assert table("killed") == table("undisturbed")
