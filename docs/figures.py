@@ -1,14 +1,15 @@
-"""Draw every figure of the docs again: ``make docs-figures``. Each comes from one estlab command, none by hand."""
+"""Draw every figure of the docs again: ``make docs-figures``. Each comes from one experiment, none by hand."""
 
-import subprocess
+import io
 import sys
-import tempfile
 from pathlib import Path
 
 from PIL import Image
 
-IMAGES = Path(__file__).parent / "images"
+import estlab
+from estlab.report.figures import png
 
+IMAGES = Path(__file__).parent / "images"
 FIGURES = {
     "scenario=car filter=ukf": {
         "trajectory": "car_trajectory",
@@ -33,18 +34,16 @@ FIGURES = {
 
 
 def main() -> None:
-    """Run each command in a folder of its own and keep its plots, of fewer colours so that files are small."""
+    """Run each experiment in memory and keep its pictures, of fewer colours so that files are small."""
     wanted = sys.argv[1:]
-    for command, plots in FIGURES.items():
+    for command, pictures in FIGURES.items():
         if wanted and not any(word in command for word in wanted):
             continue
-        with tempfile.TemporaryDirectory() as folder:
-            subprocess.run(
-                [sys.executable, "-m", "estlab", "run", *command.split(), f"hydra.run.dir={folder}/run"], check=True
-            )
-            for plot, name in plots.items():
-                image = Image.open(f"{folder}/run/plots/{plot}.png").convert("RGB")
-                image.quantize(128).save(IMAGES / f"{name}.png", optimize=True)
+        print(command, file=sys.stderr)
+        run = estlab.run(*command.split(), save=False, progress=True)
+        for picture, name in pictures.items():
+            image = Image.open(io.BytesIO(png(run.figure(picture)))).convert("RGB")
+            image.quantize(128).save(IMAGES / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

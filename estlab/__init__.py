@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from estlab.api.estimation import estimate, make_filter
     from estlab.api.finding import load, runs
     from estlab.api.run import Run
+    from estlab.api.running import run
     from estlab.api.sweeping import Sweep, sweep
     from estlab.errors import EstlabError, UserError
     from estlab.filters.filter import Filter
@@ -57,6 +58,7 @@ _HOMES = {
     "estimate": "estlab.api.estimation",
     "load": "estlab.api.finding",
     "make_filter": "estlab.api.estimation",
+    "run": "estlab.api.running",
     "runs": "estlab.api.finding",
     "sweep": "estlab.api.sweeping",
 }
@@ -81,19 +83,22 @@ __all__ = [
     "estimate",
     "load",
     "make_filter",
+    "run",
     "runs",
     "sweep",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return importlib.import_module(f"estlab.{name}")
-    if name not in _HOMES:
-        raise AttributeError(f"module 'estlab' has no attribute {name!r}")
-    found = getattr(importlib.import_module(_HOMES[name]), name)
-    globals()[name] = found
-    return found
+if not TYPE_CHECKING:  # a type checker knows what there is, and says what there is not
+
+    def __getattr__(name: str) -> Any:
+        if name in _MODULES:
+            return importlib.import_module(f"estlab.{name}")
+        if name not in _HOMES:
+            raise AttributeError(f"module 'estlab' has no attribute {name!r}")
+        found = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""How a user is told no."""
+"""The errors that a user sees."""
 
 import errno
 import traceback
@@ -8,19 +8,19 @@ from typing import NamedTuple
 
 
 class EstlabError(Exception):
-    """What estlab raises where it says what is wrong. The message is one line."""
+    """The base of estlab's errors. The message is one line."""
 
 
 class UserError(EstlabError):
-    """A mistake that the user can mend. The message is one line: what is wrong, where, and the remedy."""
+    """A mistake that the user can correct. The message is one line: what is wrong, where, and the remedy."""
 
 
 class AnswerError(UserError):
-    """A user's model, record or filter that does not answer as its contract says."""
+    """A user's model, record or filter that violates its contract."""
 
 
 class WorkerLostError(EstlabError):
-    """A process that shared the work ended before it was done. The message is one line, with the remedy."""
+    """A process that shared the work died before it finished. The message is one line, with the remedy."""
 
 
 class IncompleteError(EstlabError):
@@ -28,11 +28,11 @@ class IncompleteError(EstlabError):
 
 
 class PluginError(EstlabError):
-    """An exception of the user's own code. The message is one line: where it was raised, and what it says."""
+    """An exception in the user's own code. The message is one line: where it was raised, and what it says."""
 
 
 class Frame(NamedTuple):
-    """Where an exception passed through."""
+    """A place that an exception passed through."""
 
     module: str
     function: str
@@ -40,7 +40,7 @@ class Frame(NamedTuple):
 
 
 def frames(error: BaseException) -> list[Frame]:
-    """The way of an exception, outermost first; that in the worker process it came from is its last part."""
+    """The path of an exception, outermost first; its last part is the path in the worker process that it came from."""
     here = [
         Frame(str(frame.f_globals.get("__name__")), frame.f_code.co_qualname, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
@@ -49,10 +49,10 @@ def frames(error: BaseException) -> list[Frame]:
 
 
 def plugin_fault(error: BaseException, plugins: Sequence[str]) -> str:
-    """Where a plugin's code raised an exception and what it says, in one line; nothing if it is not one's.
+    """In one line, where a plugin's code raised an exception and what it says; empty if it is not a plugin's.
 
-    It is a plugin's if it passed through one: what a plugin calls it answers for. Errors that are a line already are
-    nobody's.
+    It belongs to a plugin if it passed through one, which is responsible for what it calls. Errors with a one-line
+    message belong to nobody.
     """
     if isinstance(error, (UserError, WorkerLostError, IncompleteError, PluginError, Warning)) or is_lack_of_memory(
         error
@@ -68,7 +68,7 @@ def plugin_fault(error: BaseException, plugins: Sequence[str]) -> str:
 
 @contextmanager
 def plugins_answer(plugins: Sequence[str]) -> Iterator[None]:
-    """Raise PluginError in place of what a plugin's code raises here."""
+    """Raise PluginError in place of any exception that a plugin's code raises here."""
     try:
         yield
     except (Exception, SystemExit) as error:
@@ -81,12 +81,12 @@ NO_MEMORY = "out of memory; end other programs, or raise the limit of this one (
 
 
 def is_lack_of_memory(error: BaseException) -> bool:
-    """Whether an error says, in whatever way, that memory ran out."""
-    if isinstance(error, ImportError):  # as the loader of compiled modules says it
+    """Whether an error means, in any form, that memory ran out."""
+    if isinstance(error, ImportError):  # the message of the loader of compiled modules
         return "failed to map segment" in str(error) or "annot allocate memory" in str(error)
     return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
 
 
 def printable(text: str) -> str:
-    """The text as one line of visible characters: a name in a run directory of another's cannot steer a terminal."""
+    """The text as one line of visible characters: names in another person's run directory cannot control a terminal."""
     return "".join(c if c.isprintable() else " " if c.isspace() else "�" for c in text)

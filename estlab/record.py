@@ -1,4 +1,4 @@
-"""What was there and what was measured, on one time line; and what a filter made of it."""
+"""Truth and readings on one time line, and a filter's estimates from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,8 +20,8 @@ SMOOTHED = "_smoothed"  # ends the name of a filter's smoothed estimates
 class Readings:
     """Readings in the order of time.
 
-    step: (N,) the step each is taken at, ascending; several may share one. values: (m, N, runs), NaN where a run
-    has none. landmark_number: (N, runs), the number of the landmark that each is about, 0 where there is no choice.
+    step: (N,) the step at which each is taken, ascending; several may share one. values: (m, N, runs), NaN where a
+    run has none. landmark_number: (N, runs), the landmark that each is about, 0 if there are none.
     """
 
     step: Array
@@ -38,17 +38,17 @@ class Readings:
 class Record:
     """An ensemble of runs on one time line.
 
-    start: the time of the prior [s]. time: (T,) [s], ascending from start. truth: (n, T, runs), NaN where not known.
-    control: (c, T, runs or 1), what is commanded over the step that ends at time k. prior: the belief at start,
-    a Gaussian with mean (n, runs) and cov (n, n), or uniform. files: what was read.
-    remarks: what a reader of the results must know.
-    landmarks: (p, number of landmarks), what readings may be about. raw: what the first run's readings were taken from.
-    extra: further arrays for a problem's own pictures, kept in the run directory.
+    start: the time of the prior [s]. time: (T,) [s], ascending from start. truth: (n, T, runs), NaN where unknown.
+    control: (c, T, runs or 1), the command over the step that ends at time k. prior: the belief at start, a Gaussian
+    with mean (n, runs) and cov (n, n), or uniform. files: those that were read.
+    remarks: for a reader of the results.
+    landmarks: (p, number of landmarks), what readings may be about. raw: the source of the first run's readings.
+    extra: further arrays for a problem's own pictures, stored in the run directory.
     repeated: whether all runs share one truth and one set of readings, so that they are repeats, not independent.
-    sums: arrays summed over the runs, for a problem's own table; added up over blocks, and kept with the extra ones.
-    origin: the truth (n, runs) at start where errors have a bound (estlab.metrics.bound): truth and readings are drawn
-    from the scenario's own motion and sensor with the truth's noises, and the prior is a Gaussian that says no less
-    of the start than is known. Else None.
+    sums: arrays summed over the runs, for a problem's own table; added over blocks, and stored with the extra ones.
+    origin: the truth (n, runs) at start if errors have a bound (estlab.metrics.bound): truth and readings are drawn
+    from the scenario's own motion and sensor with the truth's noises, and the prior is a Gaussian that contains all
+    that is known of the start. Otherwise None.
     """
 
     start: float
@@ -77,14 +77,14 @@ class Record:
         """
         values = self.readings.values.copy()
         for i, generator in enumerate(streams.generators("lost", [0] * len(runs) if self.repeated else runs)):
-            # Of those that it has, so that other runs of its block do not matter.
+            # A share of the run's own readings, so that other runs of its block do not matter.
             had = np.flatnonzero(np.isfinite(values[:, :, i]).any(axis=0))
             values[:, had[generator.random(had.size) < share], i] = np.nan
         return replace(self, readings=replace(self.readings, values=values))
 
     @property
     def each_its_own(self) -> bool:
-        """Whether each run has a belief of its own; else they share one, having the same prior and no readings."""
+        """Whether each run has its own belief; otherwise all share one, with the same prior and no readings."""
         return isinstance(self.prior, Uniform) or self.prior.mean.shape[1] == self.runs
 
     def first(self, steps: int | None) -> "Record":
@@ -109,13 +109,13 @@ class Estimates:
     """A filter's belief after each step, and the innovations of the readings.
 
     mean: (n, T, runs). cov: (n, n, T, runs). whitened: (m, N, runs), the innovation of each of the record's readings,
-    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.filter.Innovation; NaN
-    where nothing was measured or used. sample: (2, T, runs), of how many states each cov is the sample
-    covariance and how many times the unbiased one; None where it is not sampled.
+    whitened, and log_scale the logarithms of the scales it was divided by, as in estlab.filters.filter.Innovation;
+    NaN where nothing was measured or used. sample: (2, T, runs), the number of states behind each sample covariance
+    and its factor to the unbiased one; None if it is not sampled.
     notes: further numbers (T, runs) by name: readings gated, effective sample size, ...
-    gate: the share of right readings that were let through, None for all.
-    cloud: of a belief that is a cloud of points, a sample of it in the first runs at some steps: step (K,), points
-    (n, K, S, runs) and weights (K, S, runs). Else empty.
+    gate: the share of correct readings that pass, None for all.
+    cloud: for a belief that is a cloud of points, a sample of it in the first runs at some steps: step (K,), points
+    (n, K, S, runs) and weights (K, S, runs). Otherwise empty.
     """
 
     mean: Array

@@ -61,7 +61,7 @@ def single() -> Iterator[Row]:
         events = real.record.time.size
         work = f"MRCLAM_Dataset6 Robot1, EKF, {events:,} events"
         yield faster(work, real.filtered, "engine=numpy", lambda: by_numpy(real, _STEPS), _STEPS / events, clock=CLOCK)
-        yield recording("compiled")
+        yield recording("compiled", CLOCK)
 
 
 def by_numpy(case: Case, steps: int | None = None) -> Estimates:

@@ -50,9 +50,13 @@ def within(
     plain: Callable[[], object],
     goal: float,
     allowance: float = 0.0,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Row:
-    """How many times the reference's time ``run`` takes. goal: the largest ratio. allowance: seconds added to it."""
-    pairs = [(spent, plain_spent + allowance) for spent, plain_spent in in_turn(run, plain)]
+    """How many times the reference's time ``run`` takes. goal: the largest ratio. allowance: seconds added to it.
+
+    clock: as that of :func:`faster`.
+    """
+    pairs = [(spent, plain_spent + allowance) for spent, plain_spent in in_turn(run, plain, clock)]
     return row(work, reference, pairs, [spent / plain_spent for spent, plain_spent in pairs], goal, least=False)
 
 

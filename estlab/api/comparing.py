@@ -6,7 +6,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estlab.comparison.differences import unlike
+from estlab.comparison.differences import mismatches
 from estlab.comparison.pairing import pairs
 from estlab.comparison.rows import ComparisonRow, labelled, rows_of
 from estlab.config.build import nearest
@@ -50,7 +50,7 @@ def compare(*paths: str | PathLike[str], metrics: Sequence[str] = (), against: i
     components = [component for name, component in chosen if name == "rmse"]
     number = number_of(rows, str(against))
     paired, unread = pairs(rows, rows[number - 1], components) if components and len(rows) > 1 else ({}, [])
-    for line in (*left_out, *unlike(rows, chosen), *unread):
+    for line in (*left_out, *mismatches(rows, chosen), *unread):
         warnings.warn(line, UserWarning, stacklevel=2)
     return pd.DataFrame(lines(rows, chosen, number, paired, components))
 

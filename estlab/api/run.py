@@ -129,6 +129,11 @@ class Run:
         return self._source.table(rundir.COVERAGE)
 
     @cached_property
+    def own(self) -> "DataFrame":
+        """The problem's own table, such as that of the scenario radar; its columns are the problem's."""
+        return self._source.own()
+
+    @cached_property
     def expectations(self) -> "DataFrame":
         """A row for each expectation (``expect.*``): what was expected, what was found, and whether it was met."""
         return self._source.table(rundir.EXPECTATIONS)

@@ -1,5 +1,6 @@
 """Where a Run has its tables and arrays from: a directory, or the memory of this process."""
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,14 +13,15 @@ from estlab import rundir
 from estlab.api import tables
 from estlab.config.build import build
 from estlab.config.earlier import completed
-from estlab.config.settings import Settings
+from estlab.config.settings import Names, Settings
 from estlab.errors import UserError, printable
 from estlab.experiment.histories import history_of
 from estlab.experiment.result import Result
 from estlab.maths.space import Array, Space
 from estlab.record import SMOOTHED
+from estlab.report import csv_tables
 from estlab.report.plots import PlotData
-from estlab.rundir import finished
+from estlab.rundir import files, finished
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,6 +70,9 @@ class Source(Protocol):
     def table(self, file: str) -> "DataFrame":
         """A table by the name of its file, without lines where there is none."""
 
+    def own(self) -> "DataFrame":
+        """The problem's own table, without lines where it has none."""
+
     def arrays(self) -> dict[str, Array]:
         """The arrays of estimates.npz."""
 
@@ -107,6 +112,11 @@ class Computed:
 
     def table(self, file: str) -> "DataFrame":
         return tables.of_columns(file, self.result.table(file) if file in self.result.tables else {})
+
+    def own(self) -> "DataFrame":
+        stream = io.BytesIO()
+        csv_tables.write(self.result.own, stream)
+        return tables.of_text(stream.getvalue().decode() if self.result.own else "row\n")
 
     def arrays(self) -> dict[str, Array]:
         return self.result.arrays
@@ -157,6 +167,10 @@ class Stored:
             raise UserError(f"{self.path}: has no whole result ({why})")
         return tables.of_file(self.path, file)
 
+    def own(self) -> "DataFrame":
+        file = f"{self.scenario}.csv"
+        return tables.of_text(finished.text(self.path, file) if files.has(self.path, file) else "row\n")
+
     def arrays(self) -> dict[str, Array]:
         return finished.stored(self.path, rundir.ESTIMATES)
 
@@ -168,7 +182,8 @@ class Stored:
         """
         config = dict(self.config) | {"plugins": list(self.plugins)}
         try:
-            return build(completed(config, self.run.scenario, self.run.filter)[0])
+            names = Names(self.run.scenario, self.run.filter)
+            return build(completed(config, self.run.scenario, self.run.filter)[0], names)
         except UserError as error:
             theirs = self.config.get("plugins")
             hint = f"; if you trust its plugins, load(..., plugins={theirs})" if theirs and not self.plugins else ""

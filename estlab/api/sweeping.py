@@ -1,8 +1,6 @@
 """estlab.sweep: every combination of values, in a process of its own; and the directory of a sweep as an object."""
 
-import io
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -13,20 +11,19 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from estlab.api import tables
 from estlab.api.comparing import compare
 from estlab.api.finding import load
 from estlab.api.run import Run
 from estlab.api.words import words_of
 from estlab.errors import EstlabError, UserError, printable
 from estlab.rundir import finished
-from estlab.rundir.layout import TABLE_BYTES
-from estlab.sweeps.table import FAILURES, GROUPS, SWEEP, VERDICT
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP, TABLE_BYTES
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 _USAGE = 2  # exit code
-_WORDS = ("job", "filter", "status")
 _MOMENT = 1.0  # seconds
 
 
@@ -167,21 +164,12 @@ def _interrupt(process: "subprocess.Popen[str]") -> None:
     try:
         process.wait(_MOMENT)
     except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGINT)
+        process.terminate()
         process.wait()
 
 
 def _table(folder: Path, file: str) -> "DataFrame":
-    """A table of a sweep, each column of numbers as numbers; an empty one where there is none."""
-    import pandas as pd
-
+    """A table of a sweep; an empty one where there is none."""
     if not (folder / file).is_file():
-        return pd.DataFrame()
-    text = finished.text(folder, file, TABLE_BYTES)
-    table = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False)
-    for name in table:
-        if name not in _WORDS and not str(name).startswith(VERDICT):
-            numbers = pd.to_numeric(table[name].where(table[name] != ""), errors="coerce")
-            if numbers.notna().equals(table[name] != ""):
-                table[name] = numbers
-    return table
+        return tables.of_text("job\n")
+    return tables.of_text(finished.text(folder, file, TABLE_BYTES))

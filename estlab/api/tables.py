@@ -1,5 +1,6 @@
 """The tables of a run as DataFrames, whose columns and types are the same for every run."""
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,6 +78,18 @@ def of_file(folder: Path, file: str) -> "DataFrame":
     # A seed may have more digits than a float.
     words = [name for name, kind in COLUMNS[file].items() if kind in (str, bool) or name == "seed"]
     return _typed(file, finished.table(folder, file, words, all_of_them=False))
+
+
+def of_text(text: str) -> "DataFrame":
+    """A table whose columns no one knows beforehand, from its CSV: of numbers where all cells are, else of text."""
+    import pandas as pd
+
+    table = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False)
+    for name in table:
+        numbers = pd.to_numeric(table[name].where(table[name] != ""), errors="coerce")
+        if numbers.notna().equals(table[name] != "") and numbers.notna().any():
+            table[name] = numbers
+    return table
 
 
 def _typed(file: str, frame: "DataFrame") -> "DataFrame":

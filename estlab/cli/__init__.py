@@ -1,1 +1,1 @@
-"""The commands: from the words of a line to what they ask for."""
+"""The commands: each parses its words and does what they ask."""

@@ -1,4 +1,4 @@
-"""estlab clean: which run directories may go, and their end if that is options."""
+"""estlab clean: lists run directories that may be deleted, and deletes them if asked."""
 
 import argparse
 import contextlib
@@ -15,13 +15,13 @@ from typing import Any
 from estlab.cli.parser import Checked, Parser
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED, OK, complain
+from estlab.rundir.layout import LOCK, PLAN, STATUS
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
-_PLAN, _LOCK = "sweep.json", ".lock"  # of a sweep's directory
 
 
 class CleanOptions(argparse.Namespace):
-    """What the command line asks for. older_than: seconds; keep_last: how many of the newest stay."""
+    """The options of the command line. older_than: seconds; keep_last: how many of the newest stay."""
 
     folders: list[Path]
     failed: bool
@@ -39,18 +39,21 @@ def parser() -> Parser:
     found = Parser(
         "clean",
         "clean [FOLDER] [--failed] [--older-than 7d] [--keep-last N]\n                    [--yes]",
-        "Lists the run directories in FOLDER that may go, with size, age, status and\n"
-        "why, and deletes them only with --yes. Without further flags these are the runs\n"
-        "that failed, were interrupted, or whose process is gone; those that did not\n"
-        "find what they were expected to are whole, and stay.\n\n"
-        "A sweep goes as a whole, and by its age alone. Nothing is touched that is at\n"
-        "work, that cannot be read, that is a link, or that holds other runs.",
+        "Lists run directories in FOLDER that you may delete, with size, age, status\n"
+        "and reason, and deletes them only with --yes. Without further flags these are\n"
+        "the runs that failed, were interrupted, or whose process is gone. Runs that\n"
+        "only missed an expectation are complete, and stay.\n"
+        "\n"
+        "A sweep is deleted as a whole, and only by age. Nothing is touched that is at\n"
+        "work, cannot be read, is a link, or holds other runs.",
         "exit codes: 0 ok, 1 something could not be deleted, 2 usage",
     )
     found.add_argument("folders", metavar="FOLDER", type=Path, nargs="*", help="the folder of runs (runs)")
-    found.add_argument("--failed", action="store_true", help="those that failed, also beside another condition")
+    found.add_argument("--failed", action="store_true", help="runs that failed; combines with other conditions")
     age = Checked(_seconds, "a number and s, m, h, d or w, for example 7d")
-    found.add_argument("--older-than", type=age, metavar="7d", help="runs that ended longer ago: s, m, h, d or w")
+    found.add_argument(
+        "--older-than", type=age, metavar="7d", help="runs that ended longer ago than this: s, m, h, d or w"
+    )
     count = Checked(_count, "a whole number from 1")
     found.add_argument("--keep-last", type=count, metavar="N", help="all but the newest N")
     found.add_argument("--yes", action="store_true", help="delete them")
@@ -59,9 +62,9 @@ def parser() -> Parser:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """A run's or a sweep's directory. state: its status in a word; stays: why it is not to be touched, if it is not.
+    """The directory of a run or a sweep. state: its status in a word; stays: why it must not be deleted, if so.
 
-    ended: seconds since 1970, of an unfinished run its beginning.
+    ended: seconds since 1970; for an unfinished run, its beginning.
     """
 
     path: Path
@@ -72,7 +75,7 @@ class RunFolder:
 
 
 def clean(arguments: Sequence[str]) -> int:
-    """List what may go, and delete it with --yes; the exit code."""
+    """List what may be deleted, and delete it with --yes. Returns the exit code."""
     options = _read(arguments)
     from estlab.report import grids
     from estlab.report.console import print_line
@@ -80,7 +83,7 @@ def clean(arguments: Sequence[str]) -> int:
     there = list(_found(options.folder))
     for one in there:
         if one.stays:
-            complain(f"note: {one.path} stays, {one.stays}")
+            complain(f"note: {one.path} stays: {one.stays}")
     chosen = _chosen(there, options)
     if not chosen:
         print_line(f"nothing to delete in {options.folder}")
@@ -93,7 +96,7 @@ def clean(arguments: Sequence[str]) -> int:
     grids.show(grids.Grid("", ["directory", "size", "age", "status", "why"], lines, 1))
     count = f"{len(chosen)} director{'y' if len(chosen) == 1 else 'ies'}, {sum(sizes) / 1e6:.1f} MB"
     if not options.yes:
-        print_line(f"{count}; --yes deletes them")
+        print_line(f"{count}; add --yes to delete them")
         return OK
     kept = [line for one, _ in chosen if (line := _delete(one, options.folder))]
     _mend_latest(options.folder)
@@ -104,7 +107,7 @@ def clean(arguments: Sequence[str]) -> int:
 
 
 def _read(arguments: Sequence[str]) -> CleanOptions:
-    """The command line; raises UserError for what it cannot mean."""
+    """Parse the command line. Raises UserError for invalid words."""
     from estlab.rundir.finished import is_run
 
     options = parser().read(arguments, CleanOptions())
@@ -112,8 +115,8 @@ def _read(arguments: Sequence[str]) -> CleanOptions:
         raise UserError(f"estlab clean takes one folder of runs, got {', '.join(map(str, options.folders))}")
     if not options.folder.is_dir():
         raise UserError(f"{options.folder}: there is no such folder of runs")
-    if is_run(options.folder) or (options.folder / _PLAN).exists():
-        raise UserError(f"{options.folder}: is a run or sweep itself; name the folder that it is in")
+    if is_run(options.folder) or (options.folder / PLAN).exists():
+        raise UserError(f"{options.folder}: is a run or sweep itself; name the folder that contains it")
     return options
 
 
@@ -130,13 +133,13 @@ def _count(text: str) -> int:
 
 
 def _found(folder: Path, depth: int = 0) -> "list[RunFolder]":
-    """The runs and sweeps in a folder at any depth; nothing that a link leads to."""
+    """The runs and sweeps in a folder at any depth; links are not followed."""
     from estlab.rundir.finished import is_run
     from estlab.rundir.search import folders_in
 
     found: list[RunFolder] = []
     for path in folders_in(folder) if depth < 6 else []:
-        if (path / _PLAN).is_file():
+        if (path / PLAN).is_file():
             found.append(_sweep(path))
         elif is_run(path):
             found.append(_run(path))
@@ -152,7 +155,7 @@ def _run(path: Path) -> RunFolder:
     try:
         status = finished.status(path)
     except UserError as error:
-        return RunFolder(path, "", 0.0, False, f"it cannot be told whose it is ({error})")
+        return RunFolder(path, "", 0.0, False, f"its status cannot be read ({error})")
     state = str(status["status"])
     ended = _stamp(status, path)
     if (worker := rundir.worker(status)) != "gone":
@@ -164,7 +167,7 @@ def _run(path: Path) -> RunFolder:
 
 
 def _sweep(path: Path) -> RunFolder:
-    """A sweep by its newest job; it stays while one of its jobs, or the sweep itself, is at work."""
+    """A sweep, dated by its newest job; it stays while one of its jobs, or the sweep itself, is at work."""
     from estlab.rundir.finished import is_run
     from estlab.rundir.search import folders_in
 
@@ -183,7 +186,7 @@ def _locked(sweep: Path) -> bool:
     from estlab.rundir import files
 
     try:
-        with files.opened(sweep, _LOCK) as stream:
+        with files.opened(sweep, LOCK) as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except FileNotFoundError:
         return False
@@ -193,18 +196,18 @@ def _locked(sweep: Path) -> bool:
 
 
 def _stamp(status: dict[str, Any], path: Path) -> float:
-    """When a run ended, or else began; the age of its status file where it does not say."""
+    """When a run ended or, failing that, began; the age of its status file if it has no time."""
     with contextlib.suppress(ValueError, TypeError, OverflowError, OSError):
         return datetime.fromisoformat(status.get("ended") or status["began"]).timestamp()
-    return (path / "status.json").stat().st_mtime
+    return (path / STATUS).stat().st_mtime
 
 
 def _statuses(path: Path) -> list[Path]:
-    return [Path(folder) for folder, _, files in os.walk(path) if "status.json" in files]
+    return [Path(folder) for folder, _, files in os.walk(path) if STATUS in files]
 
 
 def _chosen(there: Sequence[RunFolder], options: CleanOptions) -> list[tuple[RunFolder, str]]:
-    """What all given conditions hold for, and why."""
+    """The directories that meet all given conditions, and why."""
     newest = sorted(there, key=lambda one: -one.ended)[: options.keep_last or 0]
     only_failed = options.failed or (options.older_than is None and options.keep_last is None)
     chosen = []
@@ -220,11 +223,11 @@ def _chosen(there: Sequence[RunFolder], options: CleanOptions) -> list[tuple[Run
 
 
 def _delete(one: RunFolder, folder: Path) -> str:
-    """Delete a directory and the empty ones that it leaves in the folder; why it could not be, if so."""
+    """Delete a directory and the empty ones that this leaves in the folder. Returns the reason if it fails."""
     inside = one.path.resolve().is_relative_to(folder.resolve()) and one.path.resolve() != folder.resolve()
-    again = _sweep(one.path) if (one.path / _PLAN).is_file() else _run(one.path)
+    again = _sweep(one.path) if (one.path / PLAN).is_file() else _run(one.path)
     if not inside or one.path.is_symlink() or again.stays or again.state != one.state:
-        return f"{one.path}: has changed since it was listed, and stays"
+        return f"{one.path}: changed since it was listed, and stays"
     try:
         shutil.rmtree(one.path)
     except OSError as error:
@@ -233,12 +236,12 @@ def _delete(one: RunFolder, folder: Path) -> str:
         if parent == folder:
             break
         with contextlib.suppress(OSError):
-            parent.rmdir()  # what is not empty stays
+            parent.rmdir()  # a folder that is not empty stays
     return ""
 
 
 def _mend_latest(folder: Path) -> None:
-    """Make ``latest`` point to the newest run that is left, if what it pointed to is gone."""
+    """Make ``latest`` point to the newest remaining run, if its target is gone."""
     from estlab import rundir
 
     latest = folder / "latest"
@@ -251,7 +254,7 @@ def _mend_latest(folder: Path) -> None:
 
 
 def _size(path: Path) -> int:
-    """Bytes, of links their own."""
+    """Size in bytes, counting links themselves."""
     total = 0
     for folder, _, files in os.walk(path):
         for name in files:

@@ -22,7 +22,7 @@ _STDOUT = Path("-")
 
 
 class CompareOptions(argparse.Namespace):
-    """What the command line asks for."""
+    """The options of the command line."""
 
     directories: list[str]
     metric: list[str]
@@ -39,29 +39,29 @@ def parser() -> Parser:
         "compare",
         "compare DIR [DIR ...] [--metric NAME[.COMPONENT]] [--against ROW]\n"
         "                      [--csv FILE|-] [--md | --latex] [--plot FILE]",
-        "DIR is a run directory, a folder that holds some (a day's, a sweep's,\n"
+        "DIR is a run directory, a folder of run directories (a day's, a sweep's,\n"
         "runs/latest), or a pattern in quotes. Each filter of each run is a row, named\n"
-        "by what differs. Where two met the same truth and readings, the difference of\n"
-        "their RMSE is taken run by run, with its interval and Holm's p-value; where\n"
-        "they did not, the reason is printed.",
+        "by what differs. If two met the same truth and readings, the difference of\n"
+        "their RMSE is taken run by run, with its interval and Holm's p-value; if not,\n"
+        "the reason is printed.",
         "exit codes: 0 ok, 1 no run that can be compared, 2 usage",
     )
     found.add_argument("directories", metavar="DIR", nargs="*", help="run directories, folders of them, patterns")
-    metric = "a column, as rmse.position; may be repeated. Without a component, all of them"
+    metric = "a column, such as rmse.position; may be repeated. Without a component, all of them"
     found.add_argument("--metric", type=TEXT, action="append", default=[], metavar="NAME", help=metric)
-    against = "the row that the others are held against: its number, label, filter or directory (1)"
+    against = "the row to compare the others with: its number, label, filter or directory (1)"
     found.add_argument("--against", type=TEXT, default="1", metavar="ROW", help=against)
-    csv = "the table as CSV, numbers in full; - for standard output"
+    csv = "write the table as CSV with full precision; - for standard output"
     found.add_argument("--csv", type=FILE, metavar="FILE", help=csv)
-    found.add_argument("--md", action="store_true", help="the tables for Markdown, not for the terminal")
-    found.add_argument("--latex", action="store_true", help="the tables for LaTeX (booktabs)")
-    plot = f"RMSE and NEES over time, overlaid; {', '.join(_PICTURES[:-1])} or {_PICTURES[-1]}"
+    found.add_argument("--md", action="store_true", help="print the tables for Markdown")
+    found.add_argument("--latex", action="store_true", help="print the tables for LaTeX (booktabs)")
+    plot = f"draw RMSE and NEES over time, overlaid; {', '.join(_PICTURES[:-1])} or {_PICTURES[-1]}"
     found.add_argument("--plot", type=FILE, metavar="FILE", help=plot)
     return found
 
 
 def compare(arguments: Sequence[str]) -> int:
-    """Compare what the words name; the exit code."""
+    """Compare the runs that the words name. Returns the exit code."""
     options = _read(arguments)
     from estlab.api import comparing
     from estlab.rundir.search import run_directories
@@ -70,12 +70,12 @@ def compare(arguments: Sequence[str]) -> int:
     for line in left_out:
         complain(line)
     if not rows:
-        return complain("there is no run that can be compared", FAILED)
-    from estlab.comparison.differences import unlike
+        return complain("no run can be compared", FAILED)
+    from estlab.comparison.differences import mismatches
     from estlab.comparison.pairing import pairs
 
     metrics = comparing.chosen_metrics(rows, options.metric)
-    for line in unlike(rows, metrics):
+    for line in mismatches(rows, metrics):
         complain(f"warning: {line}")
     components = [component for name, component in metrics if name == "rmse"]
     against = comparing.number_of(rows, options.against)
@@ -89,12 +89,12 @@ def compare(arguments: Sequence[str]) -> int:
 
 
 def _read(arguments: Sequence[str]) -> CompareOptions:
-    """The command line; raises UserError for what it cannot mean."""
+    """Parse the command line. Raises UserError for invalid words."""
     options = parser().read(arguments, CompareOptions())
     if not options.directories:
         raise UserError("estlab compare takes run directories, for example estlab compare runs/2026-01-31; see --help")
     if options.md and options.latex:
-        raise UserError("--md and --latex are two forms of one output; take one")
+        raise UserError("--md and --latex exclude each other; choose one")
     if options.csv == _STDOUT and (options.md or options.latex):
         form = "--md" if options.md else "--latex"
         raise UserError(f"--csv - and {form} both go to standard output; name a file for the CSV")
@@ -109,25 +109,25 @@ def _show(
     metrics: "Sequence[Metric]",
     components: Sequence[str],
     against: int,
-    compared: "dict[str, Pair]",
+    pairs: "dict[str, Pair]",
 ) -> None:
-    """Every output but the picture."""
+    """Print everything except the picture."""
     from estlab.datasets.whole import write_whole
-    from estlab.report import compared as shown
+    from estlab.report import compared
     from estlab.report.console import print_line
 
-    write = partial(shown.write, shown.lines(rows, metrics, against, compared, components))
+    write = partial(compared.write, compared.lines(rows, metrics, against, pairs, components))
     if options.csv == _STDOUT:
         sys.stdout.flush()
         write(sys.stdout.buffer)
         return
     if options.csv:
         write_whole(options.csv, write)
-    differences = shown.differences_grid(rows, against, compared, components)
-    for grid in (shown.metrics_grid(rows, metrics), differences):
+    differences = compared.differences_grid(rows, against, pairs, components)
+    for grid in (compared.metrics_grid(rows, metrics), differences):
         if grid:
             _print(grid, options)
-    for line in shown.not_paired(rows, against, compared):
+    for line in compared.not_paired(rows, against, pairs):
         if options.md or options.latex:
             complain(line)
         else:
@@ -144,7 +144,7 @@ def _print(grid: "Grid", options: CompareOptions) -> None:
 
 
 def _plot(file: Path, rows: "Sequence[ComparisonRow]", components: Sequence[str]) -> None:
-    """Draw the overlay, of the rows whose tables can be read."""
+    """Draw the overlay of the rows whose tables can be read."""
     from estlab.datasets.whole import write_whole
     from estlab.report import overlay, palette
     from estlab.report.figures import boxes_for_letters
@@ -153,10 +153,10 @@ def _plot(file: Path, rows: "Sequence[ComparisonRow]", components: Sequence[str]
     for line in unread:
         complain(line)
     if not curves:
-        complain(f"{file}: nothing to draw, no run has two steps or more")
+        complain(f"{file}: nothing to draw, because no run has two steps or more")
         return
     if len(curves) > palette.MOST:
-        complain(f"{file}: shows the first {palette.MOST} of {len(curves)} rows, more would not be told apart")
+        complain(f"{file}: shows the first {palette.MOST} of {len(curves)} rows, because more could not be told apart")
     figure = overlay.draw(curves[: palette.MOST], components)
     with boxes_for_letters():
         write_whole(file, lambda stream: figure.savefig(stream, format=file.suffix[1:].lower(), dpi=110))

@@ -25,45 +25,45 @@ from estlab.rundir.python_warnings import in_a_line
 _EXAMPLES = """\
 commands:
   estlab run scenario=car filter=ukf
-      run a filter on a problem; a timestamped directory under runs/
+      run a filter on a problem, into a timestamped directory under runs/
   estlab run filter=[ekf,ukf]
       several filters on the same truth and readings
   estlab sweep filter=ekf,ukf runs=50
       every combination of the values given (the same as run -m)
   estlab sweep ... --dry-run
-      list its jobs and run none
+      list its jobs without running them
   estlab sweep --resume DIR
-      run what is not done of a sweep that was stopped
+      run what is left of a sweep that was stopped
   estlab verify
-      run every experiment that says what it finds, and hold it to that
+      run every experiment that states its answer, and check the answer
   estlab compare DIR [DIR ...]
-      runs side by side: intervals, paired tests; --csv, --md, --latex, --plot
+      compare runs: intervals, paired tests; --csv, --md, --latex, --plot
   estlab rerun DIR
-      a run again from its own directory: are the figures the same?
+      repeat a run from its own directory: are the figures the same?
   estlab clean
-      list the runs that failed or stopped; --yes deletes them
+      list the runs that failed or stopped; delete them with --yes
   estlab simulate scenario=car data.path=DIR
       write simulated data in the problem's original file layout
   estlab report DIR [DIR ...]
       draw report.html of a run or a sweep again, from its directory alone
   estlab list [scenarios|filters|experiments]
-      what there is; --config-dir DIR, what lies there too
+      list what is available; with --config-dir DIR, also what is there
   estlab run --help
       every key of the configuration, and Hydra's own flags
   estlab run -sc install=bash
       shell completion: eval "$(estlab run -sc install=bash)"
 
-exit codes: 0 ok, 1 a run failed or did not find what it was expected to,
+exit codes: 0 ok, 1 a run failed or missed an expectation,
 2 usage or configuration, 3 some jobs of a sweep failed, 130 interrupted
 """
 
 _MODULES = ("verify", "compare", "report", "rerun", "clean")  # of these names, with a function of the name and a parser
-_HEAD = 4000  # characters of a file in which its comment ends
+_HEAD = 4000  # characters of a file within which its comment must end
 _GROUPS = {"scenarios": "scenario", "filters": "filter", "experiments": "experiment"}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command line; its exit code."""
+    """Run a command line. Returns its exit code."""
     streams = StandardStreams()
     code = _run(sys.argv[1:] if arguments is None else arguments)
     if why := streams.failure():
@@ -83,13 +83,13 @@ def _run(arguments: list[str]) -> int:
         return complain(str(error))
     except KeyboardInterrupt:
         print("estlab: interrupted", file=sys.stderr)
-        # Where it came while Python executed a text, as a dataclass does when it is defined, Python takes it for
-        # unhandled until the next text, and python -m would end by the signal in place of the exit code.
+        # If the signal came while Python executed a text, such as a dataclass being defined, Python considers it
+        # unhandled until the next text, and python -m would end by the signal instead of with the exit code.
         exec("")
         return INTERRUPTED
     except OSError as error:
         if error.strerror is None:
-            raise  # none of the system's: Hydra's, for whoever wants its traceback
+            raise  # not the system's but Hydra's, for users who want its traceback
         return complain(f"{error.filename or 'standard output'}: {error.strerror}", FAILED)
     except (MemoryError, ImportError) as error:
         if not is_lack_of_memory(error):
@@ -103,19 +103,19 @@ def _dispatch(arguments: list[str]) -> int:
         return _complete(rest)
     try:
         return _COMMANDS[command](rest) if command in _COMMANDS else _other(command)
-    except SystemExit as shown:  # what argparse ends by once it has shown a help
-        return int(shown.code or OK)
+    except SystemExit as done:  # what argparse ends by once it has shown a help
+        return int(done.code or OK)
 
 
 def _other(command: str) -> int:
-    """estlab's own flags; raises UserError for a command that there is not."""
+    """estlab's own flags; raises UserError for an unknown command."""
     parser = Parser("", "COMMAND ...", "A command-line laboratory for nonlinear state estimation.", _EXAMPLES)
     parser.add_argument("--version", action="version", version=f"estlab {__version__}", help="show the version")
     if command == "help" or command.startswith("-"):
         parser.read(["--help" if command == "help" else command], argparse.Namespace())
     from estlab.config.build import nearest
 
-    raise UserError(f"there is no command {command}{nearest(command, list(_COMMANDS))} (see estlab --help)")
+    raise UserError(f"unknown command {command}{nearest(command, list(_COMMANDS))} (see estlab --help)")
 
 
 def _run_or_sweep(command: str, rest: list[str]) -> int:
@@ -130,7 +130,7 @@ def _run_or_sweep(command: str, rest: list[str]) -> int:
 def _simulate(rest: list[str]) -> int:
     if {"-m", "--multirun"} & set(rest):
         raise UserError("estlab simulate writes one data set; leave out --multirun")
-    # It makes no run directory, so Hydra's is where the user stands.
+    # It makes no run directory, so Hydra's is the current folder.
     return launch(["hydra.run.dir=.", *rest], simulate_job)
 
 
@@ -144,7 +144,7 @@ def _module(command: str) -> Any:
 
 
 class ListOptions(argparse.Namespace):
-    """What the command line of estlab list asks for."""
+    """The options of estlab list."""
 
     kinds: list[str]
     config_dir: list[Path]
@@ -154,16 +154,16 @@ def _list_parser() -> Parser:
     found = Parser(
         "list",
         "list [scenarios] [filters] [experiments] [--config-dir DIR]",
-        "Lists what there is, each with a line on what it is.",
+        "Lists what is available, each with a line that describes it.",
     )
-    found.add_argument("kinds", metavar="KIND", nargs="*", help=f"{', '.join(_GROUPS)}; without one, all")
-    own = "a folder of your own configuration, to list what lies there too"
+    found.add_argument("kinds", metavar="KIND", nargs="*", help=f"{', '.join(_GROUPS)}; all if you name none")
+    own = "a folder of your own configuration, to list its content too"
     found.add_argument(*CONFIG_DIR, type=CONFIG_FOLDER, action="append", default=[], metavar="DIR", help=own)
     return found
 
 
 def _list(arguments: list[str]) -> int:
-    """Print the options of each group, the user's own among them, with the comment that heads its file."""
+    """Print the options of each group, including the user's own, with the comment that heads each file."""
     wanted = _list_parser().read(arguments, ListOptions())
     for kind in wanted.kinds:
         if kind not in _GROUPS:
@@ -196,7 +196,7 @@ def _comment(path: Path) -> list[str]:
 
 
 def _complete(arguments: list[str]) -> int:
-    """Answer the shell: our own words first, the rest from Hydra as if there were no subcommand."""
+    """Complete a command line for the shell: our own words, then Hydra's as if there were no subcommand."""
     line = os.environ.get("COMP_LINE", "")
     words = line.split()
     at_second = len(words) < 2 or (len(words) == 2 and not line.endswith(" "))
@@ -214,7 +214,7 @@ def _complete(arguments: list[str]) -> int:
         print(" ".join(_GROUPS))
         return OK
     if words[1] in ("compare", "rerun", "clean"):
-        return OK  # the shell goes on with files and folders
+        return OK  # the shell continues with files and folders
     if words[1] == "report":
         from estlab.cli.report import folders
 

@@ -1,4 +1,4 @@
-"""argparse as estlab's own commands use it: one line for a mistake, the nearest flag, help of 80 columns."""
+"""argparse as estlab's own commands use it: one line for a mistake, with the nearest flag; help of 80 columns."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -28,12 +28,12 @@ class Parser(argparse.ArgumentParser):
             allow_abbrev=False,
             exit_on_error=False,
         )
-        self.add_argument("-h", "--help", action="help", help="show this text")
+        self.add_argument("-h", "--help", action="help", help="show this help")
 
     def read(self, arguments: Sequence[str], options: Options) -> Options:
         """Set the arguments as attributes of ``options`` and return it.
 
-        Raises UserError for an unknown flag and for a value that is missing or wrong, SystemExit after --help.
+        Raises UserError for an unknown flag and for a missing or wrong value, SystemExit after --help.
         """
         try:
             _, unknown = self.parse_known_intermixed_args(arguments, options)
@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
         raise UserError(f"{self.prog}: {message} (see {self.prog} --help)")
 
     def _described(self, error: argparse.ArgumentError) -> str:
-        """The flag and what is wrong with its value; what it takes, if it has none."""
+        """The flag and what is wrong with its value, with the values that it accepts if it has none."""
         named = next((one for one in self._actions if "/".join(one.option_strings) == error.argument_name), None)
         flag = str(error.argument_name).partition("/")[0]
         if named and error.message == "expected one argument":
@@ -67,14 +67,14 @@ class Parser(argparse.ArgumentParser):
 
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):
-    """Description and epilog with their own line ends; two columns for the flags."""
+    """Keeps the line ends of description and epilog; prints the flags in two columns."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=24, width=_WIDTH)
 
 
 class Checked(Generic[Value]):
-    """The type of an argument: its conversion, which raises ValueError, and in words what it takes."""
+    """The type of an argument: its conversion, which raises ValueError, and a description of valid values."""
 
     def __init__(self, convert: Callable[[str], Value], takes: str) -> None:
         self.convert, self.takes = convert, takes

@@ -1,4 +1,4 @@
-"""estlab report: pages drawn again from directories."""
+"""estlab report: draws pages again from directories."""
 
 import argparse
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from estlab.launch.launcher import OK
 
 
 class ReportOptions(argparse.Namespace):
-    """What the command line asks for."""
+    """The options of the command line."""
 
     directories: list[Path]
 
@@ -22,10 +22,10 @@ def parser() -> Parser:
         "report DIR [DIR ...]",
         "Draws report.html in each directory of a run or a sweep, from the files there\n"
         "alone: one file with verdicts, tables, plots, configuration and provenance, to\n"
-        "open in a browser or send to somebody; it needs no network. A run writes it at\n"
-        "its end (report=false leaves it out), and the same directory gives the same\n"
-        "page. What a directory holds is shown as data: nothing in it is imported or\n"
-        "run, and no link in it is followed.",
+        "open in a browser or send to somebody. It needs no network. A run writes it at\n"
+        "its end (unless report=false), and the same directory always gives the same\n"
+        "page. The directory is shown as data: nothing in it is imported or run, and no\n"
+        "link in it is followed.",
         "exit codes: 0 ok, 1 a page could not be written, 2 usage, 130 interrupted",
     )
     found.add_argument("directories", metavar="DIR", type=Path, nargs="*", help="directories of runs and sweeps")
@@ -33,9 +33,9 @@ def parser() -> Parser:
 
 
 def report(arguments: Sequence[str]) -> int:
-    """Draw the pages that the words ask for and print where they are; the exit code.
+    """Draw the requested pages and print where they are. Returns the exit code.
 
-    Raises UserError before any is drawn if a directory is not a run's or a sweep's.
+    Raises UserError before drawing any if a directory is not a run's or a sweep's.
     """
     options = parser().read(arguments, ReportOptions())
     if not options.directories:
@@ -50,11 +50,11 @@ def report(arguments: Sequence[str]) -> int:
 
 
 def folders(begun: str) -> list[str]:
-    """The folders whose path begins so, for the shell to complete."""
+    """The folders whose path begins like this, for the shell to complete."""
     above, slash, begins = begun.rpartition("/")
     try:
         found = sorted(path.name for path in Path(above + slash or ".").iterdir() if path.is_dir())
     except OSError:
         return []
-    shown = [name for name in found if name.startswith(begins) and (begins or not name.startswith("."))]
-    return [f"{above}{slash}{name}/" for name in shown]
+    matching = [name for name in found if name.startswith(begins) and (begins or not name.startswith("."))]
+    return [f"{above}{slash}{name}/" for name in matching]

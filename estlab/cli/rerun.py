@@ -1,4 +1,4 @@
-"""estlab rerun: a run again from its own directory, and whether its figures are the same."""
+"""estlab rerun: repeats a run from its own directory, and reports whether its figures are the same."""
 
 import argparse
 import hashlib
@@ -30,7 +30,7 @@ _LINES = 10
 
 
 class RerunOptions(argparse.Namespace):
-    """The words of the command line."""
+    """The options of the command line."""
 
     words: list[str]
 
@@ -41,20 +41,19 @@ def parser() -> Parser:
         "rerun",
         "rerun DIR [plugins=[PACKAGE,...]] [data.path=PATH] [cores=N]\n"
         "                    [output=FOLDER | hydra.run.dir=FOLDER]",
-        "Runs again what DIR's config.yaml says, with its seed, into a directory of its\n"
-        "own, and compares every figure. DIR is data, whoever wrote it: classes come\n"
-        "from estlab alone and from the plugins that you type; its own list of plugins\n"
-        "does not count. Its output does not either: the run goes below runs/, or where\n"
-        "you say.",
-        "exit codes: 0 the figures are the same to 1e-9, 1 they are not or the run\nfailed, 2 usage, 130 interrupted",
+        "Repeats the run in DIR from its config.yaml, with its seed, into a new\n"
+        "directory, and compares every figure. DIR is untrusted input: classes come only\n"
+        "from estlab and from the plugins that you type. Its own list of plugins and its\n"
+        "output are ignored: the new run goes below runs/, or where you say.",
+        "exit codes: 0 the figures are the same to 1e-9, 1 they are not, or the run\nfailed, 2 usage, 130 interrupted",
     )
-    found.add_argument("words", metavar="DIR key=value", nargs="*", help="the run's directory, and keys to set anew")
+    found.add_argument("words", metavar="DIR key=value", nargs="*", help="the run's directory, and keys to replace")
     return found
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """Which run to repeat, and what differs from it: where its data are, who computes it, where it goes."""
+    """Which run to repeat, and what differs from it: where its data are, how it is computed, where it goes."""
 
     folder: Path
     plugins: list[str]
@@ -65,7 +64,7 @@ class Rerun:
 
 
 def rerun(arguments: Sequence[str]) -> int:
-    """Run again and compare; the exit code."""
+    """Run again and compare. Returns the exit code."""
     wanted = _read(arguments)
     from estlab import rundir
     from estlab.comparison import reproducibility
@@ -77,9 +76,12 @@ def rerun(arguments: Sequence[str]) -> int:
     request = _request(before, config, arguments)
     settings = _settings(before, request, wanted)
     if added:
-        complain(f"note: {before.path} is of an earlier estlab; as shipped now: {', '.join(added)}")
+        complain(
+            f"note: {before.path} was made by an earlier estlab; these keys take their default values: "
+            f"{', '.join(added)}"
+        )
     if why := finished.unfinished(before.status):
-        complain(f"note: there will be nothing to compare with, {before.path} has no whole result ({why})")
+        complain(f"note: there will be nothing to compare with: {before.path} has no complete result ({why})")
     directory = rundir.RunDirectory(_place(wanted, before), rerun_of=str(before.path.resolve()))
     directory.link_latest(Path(settings.output))
 
@@ -103,16 +105,16 @@ def _read(arguments: Sequence[str]) -> Rerun:
         if not equals or Path(word).exists():
             folders.append(Path(word))
         elif key in _KEYS and not value:
-            raise UserError(f"{word}: {key} takes a value; leave it out for none")
+            raise UserError(f"{word}: {key} needs a value; leave it out for none")
         elif key not in _KEYS:
             near = nearest(key, _KEYS)
-            raise UserError(f"{word}: estlab rerun runs what was run; it takes {', '.join(_KEYS)} alone{near}")
+            raise UserError(f"{word}: estlab rerun repeats a run; it only takes {', '.join(_KEYS)}{near}")
         else:
             keys[key] = home(unquoted(value)) if key in PATHS else value
     if len(folders) != 1:
         raise UserError("estlab rerun takes one run directory, for example estlab rerun runs/latest; see --help")
     if not is_run(folders[0]):
-        raise UserError(f"{folders[0]}: is no run directory, it has no status.json")
+        raise UserError(f"{folders[0]}: not a run directory, because it has no status.json")
     plugins = keys.get("plugins", "[]")
     if not (match := re.fullmatch(r"\[([\w\s,]*)\]", plugins)):
         raise UserError(f"plugins={plugins}: write a list, for example plugins=[mine]")
@@ -120,31 +122,31 @@ def _read(arguments: Sequence[str]) -> Rerun:
     output = keys.get("output", "runs")
     cores = int(keys["cores"]) if re.fullmatch("[1-9][0-9]{0,8}", keys.get("cores", "")) else None
     if cores is None and keys.get("cores", "null") != "null":
-        raise UserError(f"cores={keys['cores']}: write a whole number from 1, for example cores=1")
+        raise UserError(f"cores={keys['cores']}: write an integer from 1, for example cores=1")
     return Rerun(folders[0], typed, keys.get("data.path"), cores, output, keys.get("hydra.run.dir"))
 
 
 def _itself(folder: Path) -> Path:
-    """The directory and not the link ``latest``, which the new run is about to move; as seen from here."""
+    """The directory itself and not the link ``latest``, which the new run is about to move; relative if possible."""
     path = folder.resolve()
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def _config(before: "Finished", wanted: Rerun) -> dict[str, Any]:
-    """The configuration as it was, but for where it goes, what is trusted, how many cores it has and where data are."""
+    """The configuration as it was, except for output, plugins, number of cores and the place of the data."""
     config = dict(before.config) | {"output": wanted.output, "plugins": wanted.plugins, "cores": wanted.cores}
-    if config.get("engine") == "numba":  # what compiled the steps before
+    if config.get("engine") == "numba":  # how the steps were compiled earlier
         config["engine"] = "auto"
     data = config.get("data")
     if isinstance(data, Mapping) and data.get("source") == "files":
         config["data"] = dict(data) | {"path": _data_path(before, str(data.get("path")), wanted.data)}
     elif wanted.data:
-        raise UserError(f"data.path={wanted.data} would not be read: the run's data were simulated")
+        raise UserError(f"data.path={wanted.data} would not be read, because the run's data were simulated")
     return config
 
 
 def _data_path(before: "Finished", was: str, typed: str | None) -> str:
-    """Where the data are: as typed, as they were called, or where run.json has them; changed files are said.
+    """Where the data are: as typed, as they were called, or where run.json has them; warns of changed files.
 
     Raises UserError for files that are gone.
     """
@@ -196,7 +198,7 @@ def _settings(before: "Finished", request: "Request", wanted: Rerun) -> "Setting
         return request.settings()
     except UserError as error:
         theirs = before.config.get("plugins")
-        hint = f" (its own plugins, {theirs}, do not count: type those that you trust)" if theirs else ""
+        hint = f" (its own plugins, {theirs}, are ignored: type those that you trust)" if theirs else ""
         where = "" if str(error).startswith("plugins: ") else f"{before.path / rundir.CONFIG}: "  # those are typed
         raise UserError(f"{where}{error}{hint}") from error
 
@@ -210,7 +212,7 @@ def _place(wanted: Rerun, before: "Finished") -> Path:
 
 
 def _compare(before: "Finished", now: "Finished") -> int:
-    """Say whether the figures are the same, and what has changed; the exit code."""
+    """Print whether the figures are the same, and what has changed. Returns the exit code."""
     from estlab.comparison import reproducibility
     from estlab.report import grids
     from estlab.report.console import print_line
@@ -220,9 +222,9 @@ def _compare(before: "Finished", now: "Finished") -> int:
     except UserError as error:
         return complain(f"the figures cannot be compared: {error}", FAILED)
     largest = found[0].relative if found else 0.0
-    for bound, said in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
+    for bound, precision in ((0.0, "to the last bit"), (1e-12, "to 1e-12"), (_EQUAL, "to 1e-9")):
         if largest <= bound:
-            print_line(f"the figures are those of {before.path}: identical {said}")
+            print_line(f"the figures equal those of {before.path}: identical {precision}")
             break
     else:
         grids.show(_table(found))
@@ -233,7 +235,7 @@ def _compare(before: "Finished", now: "Finished") -> int:
     )
     if largest <= _EQUAL:
         return OK
-    return complain(f"the figures are not those of {before.path}", FAILED)
+    return complain(f"the figures differ from those of {before.path}", FAILED)
 
 
 def _table(found: "Sequence[Deviation]") -> "Grid":

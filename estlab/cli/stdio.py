@@ -1,4 +1,4 @@
-"""Standard output and error that may be closed, full or gone, as with a terminal that closes: that ends no work."""
+"""Standard output and error that may be closed, full or gone, as when a terminal closes. That must not end any work."""
 
 import errno
 import io
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Guarded(io.RawIOBase):
-    """A descriptor to write to. The first failure is kept, and what comes after it goes nowhere."""
+    """A descriptor to write to. It remembers the first failure and discards later output."""
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
@@ -34,10 +34,10 @@ class Guarded(io.RawIOBase):
 
 
 class StandardStreams:
-    """The process's standard streams, guarded where they are its own and not put there by somebody else, as a test."""
+    """The process's standard streams, guarded unless somebody replaced them, as a test does."""
 
     def __init__(self) -> None:
-        """A closed descriptor is opened to nowhere, or the next file that is opened would get its number."""
+        """A closed descriptor is opened to the null device, or the next file that is opened would get its number."""
         for descriptor in range(3):
             try:
                 os.fstat(descriptor)
@@ -48,7 +48,7 @@ class StandardStreams:
             encoding = getattr(sys.stdout, "encoding", "utf-8")
             if sys.stdout is not None:
                 sys.stdout.flush()
-            # A terminal without a dot in the middle shows another sign.
+            # A terminal that lacks the middle dot shows another character.
             sys.stdout = io.TextIOWrapper(
                 io.BufferedWriter(self._out), encoding, errors="replace", line_buffering=self._out.isatty()
             )
@@ -59,7 +59,7 @@ class StandardStreams:
             )
 
     def failure(self) -> str:
-        """Why not all of standard output was written; nothing if it was, or if its reader, as head, had seen enough."""
+        """Why part of standard output was not written; empty if all was, or if its reader, as head, had seen enough."""
         try:
             sys.stdout.flush()
         except OSError as error:

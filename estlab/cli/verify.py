@@ -1,4 +1,4 @@
-"""estlab verify: the experiments that say what they find, run and held to it."""
+"""estlab verify: runs the experiments that state their answers, and checks them."""
 
 import argparse
 import contextlib
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class VerifyOptions(argparse.Namespace):
-    """What the command line asks for: experiments and keys, and the user's folder of configuration."""
+    """The options of the command line: experiments and keys, and the user's folder of configuration."""
 
     words: list[str]
     config_dir: Path | None
@@ -36,12 +36,13 @@ def parser() -> Parser:
     found = Parser(
         "verify",
         "verify [EXPERIMENT ...] [key=value ...] [--config-dir DIR]",
-        "Runs every experiment whose file has an expect block, or those named, and holds\n"
-        "each to it. The runs stand side by side below one folder,\n"
-        "<output>/<date>/<time>_verify/, without plots and pages; at the end one table\n"
-        "says what was expected and what was found. key=value holds for every run:\n"
-        "estlab verify seed=2 asks whether the answers hang on the seed, estlab verify\n"
-        "epuck_smooth data=files data.path=DIR what it expects of that recording.",
+        "Runs every experiment whose file has an expect block, or those that you name,\n"
+        "and checks each against it. The runs are side by side below one folder,\n"
+        "<output>/<date>/<time>_verify/, without plots and pages. One table at the end\n"
+        "shows what was expected and what was found. key=value applies to every run:\n"
+        "estlab verify seed=2 tests whether the answers depend on the seed, and\n"
+        "estlab verify epuck_smooth data=files data.path=DIR checks what the experiment\n"
+        "expects of that recording.",
         "exit codes: 0 all met, 1 some not met or a run failed, 2 usage, 130 interrupted",
     )
     found.add_argument("words", metavar="EXPERIMENT", nargs="*", help="experiments, and keys for every run")
@@ -51,7 +52,7 @@ def parser() -> Parser:
 
 @dataclass
 class ExperimentOutcome:
-    """What became of one experiment. error: why there is nothing to hold it to, in one line."""
+    """The outcome of one experiment. error: in one line, why there is nothing to check."""
 
     experiment: str
     findings: "list[Finding]" = field(default_factory=list)
@@ -65,12 +66,12 @@ class ExperimentOutcome:
 
 
 def verify(arguments: list[str]) -> int:
-    """Run what the words ask for and print one table; the exit code."""
+    """Run the requested experiments and print one table. Returns the exit code."""
     names, keys, config_dir = _read(arguments)
     from estlab.report.console import console
 
     experiments = _chosen(names, experiment_files(config_dir))
-    # Flags before keys, where Hydra sees them.
+    # Flags come before keys, where Hydra expects them.
     before, after = ["--config-dir", str(config_dir)] if config_dir else [], ["plots=false", "report=false", *keys]
     stamp = time.strftime("%Y-%m-%d/%H-%M-%S") + f"-{time.time_ns() // 1000 % 1_000_000:06d}_verify"
     out, outcomes = console(), []
@@ -82,7 +83,7 @@ def verify(arguments: list[str]) -> int:
         out.print(f"{outcomes[-1]}, {time.monotonic() - began:.0f} s", markup=False, soft_wrap=True)
     folder = next((outcome.folder for outcome in outcomes if outcome.folder), None)
     if len({outcome.error for outcome in outcomes}) == 1 and all(outcome.code == USAGE for outcome in outcomes):
-        # One mistake on the command line, as every run says: none began.
+        # A mistake on the command line, reported by every run: none began.
         if folder:
             remove_if_ours(folder, folder.parent.parent)
         return complain(outcomes[0].error)
@@ -90,20 +91,20 @@ def verify(arguments: list[str]) -> int:
 
 
 def experiment_files(config_dir: Path | None) -> dict[str, Path]:
-    """Every experiment by its name; the shipped one where a user's has the same, as Hydra takes it."""
+    """Every experiment by its name. A shipped one takes precedence over a user's of that name, as in Hydra."""
     folders = [config_dir, conf_folder()] if config_dir else [conf_folder()]
     return {path.stem: path for folder in folders for path in sorted((folder / "experiment").glob("*.yaml"))}
 
 
 def _read(arguments: Sequence[str]) -> tuple[list[str], list[str], Path | None]:
-    """The experiments named, the keys that every run is given, and the user's folder of configuration."""
+    """The experiments named, the keys for every run, and the user's folder of configuration."""
     names: list[str] = []
     keys: list[str] = []
     options = parser().read(arguments, VerifyOptions())
     for word in options.words:
         if word.lstrip("+").startswith(("experiment=", "hydra.")):
             raise UserError(
-                f"{word}: estlab verify names the experiments and places the runs; see estlab verify --help"
+                f"{word}: estlab verify sets the experiment and the run's directory itself; see estlab verify --help"
             )
         if word == "~expect" or word in ("expect=null", "expect={}"):
             raise UserError(f"{word} leaves nothing to verify")
@@ -112,7 +113,7 @@ def _read(arguments: Sequence[str]) -> tuple[list[str], list[str], Path | None]:
 
 
 def _chosen(names: Sequence[str], known: dict[str, Path]) -> list[str]:
-    """Those named, or every one that has expectations."""
+    """The experiments named, or every one that has expectations."""
     from estlab.config.build import nearest
 
     for name in names:
@@ -120,12 +121,12 @@ def _chosen(names: Sequence[str], known: dict[str, Path]) -> list[str]:
             raise UserError(f"there is no experiment {name}{nearest(name, list(known))} (see estlab list experiments)")
     chosen = list(dict.fromkeys(names)) or [name for name, path in known.items() if _expects(path)]
     if not chosen:
-        raise UserError("no experiment has expectations; give one an expect block")
+        raise UserError("no experiment has expectations; add an expect block to one")
     return sorted(chosen)
 
 
 def _expects(path: Path) -> bool:
-    """Whether an experiment's file has expectations. One that cannot be read is run, to say why."""
+    """Whether an experiment's file has expectations. One that cannot be read is run, to report why."""
     from omegaconf import DictConfig, OmegaConf
 
     try:
@@ -137,15 +138,15 @@ def _expects(path: Path) -> bool:
 
 
 def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
-    """One experiment in its own directory, with nothing on the screen."""
+    """Run one experiment in its own directory, without output on the screen."""
     outcome = ExperimentOutcome(name)
 
     def job(config: "DictConfig") -> int:
         outcome.folder = Path(str(config.output)) / stamp
         return run_job(["estlab", "run", *words], config, outcome.findings.extend)
 
-    said = io.StringIO()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+    errors = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
         try:
             outcome.code = launch([*words, f"hydra.run.dir=${{output}}/{stamp}/{name}"], job)
         except UserError as error:
@@ -154,12 +155,12 @@ def _run(name: str, words: list[str], stamp: str) -> ExperimentOutcome:
         outcome.code = FAILED
         outcome.error = "it has no expectations" + " of this recording" * other_data(words)
     elif outcome.code != OK and all(finding.met for finding in outcome.findings):
-        outcome.error = said.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
+        outcome.error = errors.getvalue().strip().rpartition("\n")[2].removeprefix("estlab: ")
     return outcome
 
 
 def _conclude(outcomes: Sequence[ExperimentOutcome], folder: Path | None) -> int:
-    """Print the table of all and the count; the exit code."""
+    """Print the table of all experiments and the count. Returns the exit code."""
     from estlab.report import grids
     from estlab.report.console import print_line
     from estlab.report.expected import HEADINGS, expected_grid
@@ -173,4 +174,8 @@ def _conclude(outcomes: Sequence[ExperimentOutcome], folder: Path | None) -> int
     count = f"{met} of {len(findings)} expectations met in {len(outcomes)} experiment{'s' * (len(outcomes) > 1)}"
     failed = f"; {len(broken)} run{'s' * (len(broken) > 1)} failed" if broken else ""
     print_line(f"{count}{failed}: {folder or 'no run began'}")
-    return OK if met == len(findings) and not broken else complain(f"not all is as expected: {count}{failed}", FAILED)
+    return (
+        OK
+        if met == len(findings) and not broken
+        else complain(f"some expectations are not met: {count}{failed}", FAILED)
+    )

@@ -1,4 +1,4 @@
-"""What makes rows of a comparison not like for like, a line each."""
+"""What makes the rows of a comparison not comparable, one line each."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
@@ -9,8 +9,8 @@ from estlab.metrics.vocabulary import Metric
 _NAMED = 4
 
 
-def unlike(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list[str]:
-    """One line each where what makes rows comparable differs: from scenario, data and seed to units."""
+def mismatches(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list[str]:
+    """One line for each thing that should be equal and differs, from scenario, data and seed to units."""
     found = [_line("scenario", [row.run.scenario for row in rows])]
     if len({row.run.scenario for row in rows}) == 1:
         found.append(_line("the scenario's configuration", _settings(rows, ("scenario.",))))
@@ -27,24 +27,24 @@ def unlike(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> list[str
 
 
 def _settings(rows: Sequence[ComparisonRow], prefixes: tuple[str, ...]) -> list[str]:
-    """Of each row, the values of those keys with these beginnings that are not the same everywhere."""
+    """For each row, the values of the keys with these prefixes that differ between rows."""
     keys = dict.fromkeys(key for row in rows for key in row.settings if key.startswith(prefixes))
-    said = {key: [short(row.settings.get(key, "none")) for row in rows] for key in keys}
-    differing = {key: values for key, values in said.items() if len(set(values)) > 1}
+    written = {key: [short(row.settings.get(key, "none")) for row in rows] for key in keys}
+    differing = {key: values for key, values in written.items() if len(set(values)) > 1}
     return [" ".join(f"{key}={values[i]}" for key, values in differing.items()) for i in range(len(rows))]
 
 
 def _plugins(plugins: Sequence[Mapping[str, str]]) -> str:
-    """Of the modules that several rows have, those whose source is not the same in all of them."""
+    """Modules that several rows have, but with different source."""
     modules = dict.fromkeys(module for one in plugins for module in one)
     differing = [m for m in modules if len({one[m] for one in plugins if m in one}) > 1]
-    said = [", ".join(f"{m} SHA-256 {one[m][:12]}" for m in differing if m in one) or "without" for one in plugins]
-    line = _line("the source of plugins", said)
+    sources = [", ".join(f"{m} SHA-256 {one[m][:12]}" for m in differing if m in one) or "without" for one in plugins]
+    line = _line("the source of plugins", sources)
     return f"{line}; figures may differ because of it" if line else ""
 
 
 def _hashes(data: Mapping[str, str]) -> str:
-    """Data files as they are told apart: one by its hash, several by the hash of all hashes."""
+    """Data files in a form that tells them apart: one by its hash, several by the hash of all hashes."""
     hashes = sorted(data.values())
     if len(hashes) < 2:
         return f"SHA-256 {hashes[0][:12]}" if hashes else "none"
@@ -58,9 +58,9 @@ def _line(what: str, values: Sequence[str], numbers: Iterable[int] | None = None
         groups.setdefault(value, []).append(number)
     if len(groups) < 2:
         return ""
-    said = [f"{value} (row{'s' * (len(of) > 1)} {_few(of)})" for value, of in groups.items()]
-    more = f" and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
-    return f"{what} differ{'s' * (not what.endswith('files'))}: {', '.join(said[:_NAMED])}{more}"
+    parts = [f"{value} (row{'s' * (len(of) > 1)} {_few(of)})" for value, of in groups.items()]
+    more = f" and {len(parts) - _NAMED} more" if len(parts) > _NAMED else ""
+    return f"{what} differ{'s' * (not what.endswith('files'))}: {', '.join(parts[:_NAMED])}{more}"
 
 
 def _few(numbers: Sequence[int]) -> str:

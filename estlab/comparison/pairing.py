@@ -1,4 +1,4 @@
-"""Filters of runs made apart, compared run by run where both met the same truth and readings."""
+"""Filters of separate runs, compared run by run where both met the same truth and readings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _MARKS = ("truth_mark", "readings_mark")
-_SAME = 1e-9  # marks differ by less where other hardware rounded the same truth another way
+_SAME = 1e-9  # marks differ by less if other hardware rounded the same truth differently
 
-# What decides on truth and readings.
+# What determines truth and readings.
 _GROUPS = ("scenario", "data", "steps", "seed")
 
 
 @dataclass(frozen=True)
 class Difference:
-    """RMSE of a row less that of the row it is held against, over the runs of both, and how often it is smaller."""
+    """RMSE of a row minus that of the reference row, over the runs of both, and how often it is smaller."""
 
     rmse: float
     found: Estimate
@@ -47,9 +47,9 @@ class Pair:
 def pairs(
     rows: Sequence[ComparisonRow], against: ComparisonRow, components: Sequence[str]
 ) -> tuple[dict[str, Pair], list[str]]:
-    """Each other row by its label, against one, and what could not be read.
+    """Each other row by its label, compared with one, and remarks about what could not be read.
 
-    p-values are adjusted for the number of rows (Holm), intervals as each is judged.
+    p-values are adjusted for the number of rows (Holm), and intervals match their tests.
     """
     tables, unread = {}, []
     for path, run in {row.run.path: row.run for row in rows}.items():
@@ -64,14 +64,14 @@ def pairs(
         for label, fair, level in zip(tested, holm(p_values), judged_at(p_values), strict=True):
             one = found[label]
             difference = one.differences[component].found
-            shown = widened(difference, level) if np.isfinite(level) else difference
-            fairer = {component: replace(one.differences[component], p_holm=float(fair), found=shown)}
+            as_judged = widened(difference, level) if np.isfinite(level) else difference
+            fairer = {component: replace(one.differences[component], p_holm=float(fair), found=as_judged)}
             found[label] = replace(one, differences={**one.differences, **fairer})
     return found, unread
 
 
 def what_differs(a: ComparisonRow, b: ComparisonRow) -> list[str]:
-    """What decides on truth and readings and is not the same in both, as it is said."""
+    """What determines truth and readings and differs between the two, in words."""
     found = []
     if a.run.scenario != b.run.scenario:
         found.append(f"scenario {a.run.scenario} and {b.run.scenario}")
@@ -112,7 +112,7 @@ def _pair(
     met_the_same = np.allclose(marks, theirs[[*_MARKS]].to_numpy(dtype=float), rtol=_SAME, atol=0.0)
     if not met_the_same or _data(row) != _data(against):
         differs = what_differs(row, against) or [f"configurations agree, {_versions(row)} and {_versions(against)}"]
-        return Pair(f"truth or readings are not the same: {', '.join(differs)}", {})
+        return Pair(f"truth or readings differ: {', '.join(differs)}", {})
     shared = {
         name: row.metrics["rmse", name].unit
         for name in components
@@ -122,16 +122,16 @@ def _pair(
     if not shared:
         return Pair("no component in common", {})
     if any(against.metrics["rmse", name].unit != unit for name, unit in shared.items()):
-        return Pair("units are not the same", {})
+        return Pair("units differ", {})
     squares = [one[[f"rmse.{name}" for name in shared]].to_numpy(dtype=float).T ** 2 for one in (mine, theirs)]
     repeated = len(both) > 1 and bool(np.ptp(marks, axis=0).max() == 0.0)
     return Pair("", _differences(shared, squares, repeated))
 
 
 def _differences(units: Mapping[str, str], squares: Sequence[Array], repeated: bool) -> dict[str, Difference]:
-    """By component, of mean squares (components, runs) of the two."""
+    """By component, from the mean squares (components, runs) of the two."""
     comparison = Comparison(Space(tuple(units), tuple(units.values())), repeated)
-    # By their order in the alphabet, as it takes them.
+    # In alphabetical order, as it expects them.
     comparison.add({"a": {"mean_square": squares[0]}, "b": {"mean_square": squares[1]}})
     found = {}
     for line in comparison.rows({}):

@@ -1,4 +1,4 @@
-"""Whether two run directories hold the same figures, and what is not the same about how they came to be."""
+"""Whether two run directories hold the same figures, and what differs in how they were made."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,9 +22,9 @@ _TABLES = {
 
 
 class Deviation(NamedTuple):
-    """The largest difference in a column of a table, or in an array; infinite where the shapes or words differ.
+    """The largest difference in a column of a table, or in an array; infinite if shapes or words differ.
 
-    relative: to the largest value in the column, of a metric to its value and interval.
+    relative: to the largest value in the column; for a metric, to its value and interval.
     """
 
     file: str
@@ -35,9 +35,9 @@ class Deviation(NamedTuple):
 
 
 def deviations(before: Path, now: Path) -> list[Deviation]:
-    """Where the figures of two run directories differ, the largest first; none if they are equal to the last bit.
+    """Where the figures of two run directories differ, largest first; empty if they are equal to the last bit.
 
-    Raises UserError, naming the file, for one that cannot be read.
+    Raises UserError that names the file if one cannot be read.
     """
     found = [*_of_estimates(before, now)]
     for file, words in _TABLES.items():
@@ -49,24 +49,24 @@ def deviations(before: Path, now: Path) -> list[Deviation]:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What run.json says of the two that is not the same: versions, commit, machine, source of plugins. A line each."""
+    """What differs between the two in run.json: versions, commit, machine, source of plugins. One line each."""
     found = [
-        f"{name} {_said(old)} before, {_said(new)} now"
+        f"{name} {_or_unknown(old)} before, {_or_unknown(new)} now"
         for name, old, new in _provenance(before, now)
         if old != new and not (name.startswith("git") and old is None)
     ]
     found += _changed_plugins(plugins_of(before), plugins_of(now))
     if any(_part(facts, "git").get("dirty") for facts in (before, now)):
-        found.append("estlab had changes that are not committed")
+        found.append("estlab had uncommitted changes")
     return found
 
 
 def _changed_plugins(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """A line for each module of plugins whose source is not the same, for which figures may differ."""
+    """A line for each module of plugins whose source differs, so that figures may differ."""
     for module in dict.fromkeys([*before, *now]):
         old, new = (one[module][:12] if module in one else "" for one in (before, now))
         if not old:
-            yield f"source of {module}: not kept before, SHA-256 {new} now, so whether it has changed is not known"
+            yield f"source of {module}: not stored before, SHA-256 {new} now, so it is unknown whether it has changed"
         elif not new:
             yield f"source of {module}: SHA-256 {old} before, not imported now; figures may differ because of it"
         elif before[module] != now[module]:
@@ -89,18 +89,18 @@ def _part(facts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return part if isinstance(part, Mapping) else {}
 
 
-def _said(value: object) -> str:
+def _or_unknown(value: object) -> str:
     return "unknown" if value is None else str(value)[:80]
 
 
 def _known(old: "DataFrame", new: "DataFrame", words: Sequence[str]) -> "DataFrame":
-    """The metrics that the run of before has too, in its order: later versions have more, and other orders."""
+    """The metrics that the earlier run has too, in its order: later versions have more, and other orders."""
     wanted = old[[*words]].drop_duplicates()
     return wanted.merge(new, on=[*words], how="inner")[list(new.columns)]
 
 
 def _of_tables(file: str, words: Sequence[str], before: "DataFrame", now: "DataFrame") -> Iterator[Deviation]:
-    """Of each column of numbers, and each group of lines with the same words."""
+    """For each column of numbers, and each group of lines with the same words."""
     if list(before.columns) != list(now.columns) or before.shape != now.shape:
         shapes = f"{before.shape[0]} lines of {before.shape[1]} columns, now {now.shape[0]} of {now.shape[1]}"
         yield Deviation(file, shapes, np.nan, np.nan, np.inf)
@@ -119,7 +119,7 @@ def _of_tables(file: str, words: Sequence[str], before: "DataFrame", now: "DataF
         old, new = (one[lines] for one in values)
         scale = _scale(np.stack([old, new]), axis=(0, 1))
         if file == rundir.METRICS:
-            # A metric stands for itself, with its interval; a p-value beside a verdict is a share.
+            # A metric is compared with itself, including its interval; a p-value beside a verdict is a share.
             of_row = [columns.index(column) for column in ("value", "ci_low", "ci_high")]
             scale[of_row] = 1.0 if "verdict" in name else scale[of_row].max()
         for i, column in enumerate(columns):
@@ -128,7 +128,7 @@ def _of_tables(file: str, words: Sequence[str], before: "DataFrame", now: "DataF
 
 
 def _of_estimates(before: Path, now: Path) -> Iterator[Deviation]:
-    """Of each array, and each component that its first axis has. Clouds that only one of both has count for nothing."""
+    """For each array, and each component of its first axis. Clouds that only one of both has are ignored."""
     file = rundir.ESTIMATES
     names = array_names(before, file), array_names(now, file)
     alone = {name for name in {*names[0]} ^ {*names[1]} if "cloud" not in name.split(".")[:-1]}
@@ -152,7 +152,7 @@ def _of_estimates(before: Path, now: Path) -> Iterator[Deviation]:
 
 
 def _largest(file: str, what: str, before: Array, now: Array, scale: float) -> Iterator[Deviation]:
-    """The largest difference of two vectors; one number that only one of them has is beyond all measure."""
+    """The largest difference of two vectors; infinite if only one of them has a number."""
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.where(before == now, 0.0, np.abs(now - before) / scale)
     off = np.where(np.isnan(before) & np.isnan(now), 0.0, np.where(np.isnan(off), np.inf, off))
@@ -162,5 +162,5 @@ def _largest(file: str, what: str, before: Array, now: Array, scale: float) -> I
 
 
 def _scale(values: Array, axis: tuple[int, ...]) -> Array:
-    """The largest finite size."""
+    """The largest finite magnitude."""
     return np.max(np.where(np.isfinite(values), np.abs(values), 0.0), axis=axis, initial=0.0)

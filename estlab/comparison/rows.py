@@ -1,4 +1,4 @@
-"""The lines of a comparison: each filter of each run, its metrics, and what tells it from the others."""
+"""The lines of a comparison: each filter of each run, its metrics, and what distinguishes it from the others."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """A filter of a run. label: what tells it from the other rows. settings: dotted keys and values of its figures."""
+    """A filter of a run. label: what distinguishes it from other rows. settings: dotted keys and values."""
 
     run: Finished
     filter: str
@@ -39,12 +39,12 @@ class ComparisonRow:
 def rows_of(run: Finished) -> list[ComparisonRow]:
     """A row for each set of estimates in a run's metrics.csv.
 
-    Raises UserError, naming the file, for one that cannot be used.
+    Raises UserError that names the file if one cannot be used.
     """
     words, numbers = ("filter", "metric", "component", "unit"), ("value", "ci_low", "ci_high", "n")
     metrics = table(run.path, rundir.METRICS, words, numbers)
     if metrics.empty:
-        raise UserError(f"{run.path / rundir.METRICS}: holds no line")
+        raise UserError(f"{run.path / rundir.METRICS}: contains no line")
     found = []
     for name, lines in metrics.groupby("filter", sort=False):
         figures: dict[Metric, Figure] = {}
@@ -60,8 +60,9 @@ def rows_of(run: Finished) -> list[ComparisonRow]:
 
 
 def labelled(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
-    """The rows with labels: scenario if it is not the same for all, filter, each key whose value is not that of most
-    rows, and the directory where these are the same."""
+    """The rows with labels: the scenario if it varies, the filter, each key whose value differs from that of most
+    rows, and the directory if these are equal.
+    """
     several = len({row.run.scenario for row in rows}) > 1
     differing = _differing(rows)
     labels = []
@@ -76,11 +77,11 @@ def labelled(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
 
 
 def short(value: object) -> str:
-    """A value as it is typed, cut where it is long."""
-    said = f"{value:g}" if isinstance(value, float) else str(value)
+    """A value as typed, cut if it is long."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
     if value is None or isinstance(value, bool):
-        said = {None: "null", True: "true", False: "false"}[value]
-    return said if len(said) <= _LONGEST else f"{said[: _LONGEST - 1]}…"
+        text = {None: "null", True: "true", False: "false"}[value]
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
 def flat(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -103,8 +104,7 @@ def _settings(run: Finished, filter: str) -> dict[str, Any]:
 
 
 def _differing(rows: Sequence[ComparisonRow]) -> list[list[str]]:
-    """Each row's keys whose values more than half of the rows that are alike, of a scenario, of a filter, or all, do
-    not share."""
+    """For each row, the keys whose values differ from most similar rows: of a scenario, of a filter, or of all."""
     usual: dict[tuple[str, str], dict[str, str | None]] = {}
     for of, keys in (("scenario", ("scenario.",)), ("filter", ("filter.",)), ("", ("",))):
         groups: dict[str, list[ComparisonRow]] = {}
@@ -123,7 +123,7 @@ def _differing(rows: Sequence[ComparisonRow]) -> list[list[str]]:
 
 
 def _usual(rows: Sequence[ComparisonRow], beginnings: tuple[str, ...]) -> dict[str, str | None]:
-    """Of each key, the value that more than half of those who have it share; None if there is none."""
+    """For each key, the value that more than half of the rows with that key share; None if there is none."""
     values: dict[str, Counter[str]] = {}
     for row in rows:
         for key, value in row.settings.items():
@@ -134,7 +134,7 @@ def _usual(rows: Sequence[ComparisonRow], beginnings: tuple[str, ...]) -> dict[s
 
 
 def _written(value: object) -> str:
-    """Equal for values that are the same."""
+    """Equal texts for equal values."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return repr(float(str(value))) if number else repr(value)
 
@@ -154,7 +154,7 @@ def same(a: object, b: object) -> bool:
 
 
 def _place(row: ComparisonRow, rows: Sequence[ComparisonRow]) -> str:
-    """A run directory's name, with its folder's if another has the same."""
+    """A run directory's name, with its folder's if another has the same name."""
     names = {other.run.path.resolve() for other in rows if other.run.path.resolve().name == row.run.path.resolve().name}
     path = row.run.path.resolve()
     return path.name if len(names) == 1 else f"{path.parent.name}/{path.name}"

@@ -1,1 +1,1 @@
-"""Models written in NumPy's functions, traced once, as code of the processor: graph, rules, functions, emit, cache."""
+"""Compiles models written in NumPy's functions to machine code: graph, rules, functions, emit, cache."""

@@ -1,7 +1,7 @@
-"""Algebra of small matrices whose entries are components of a trace: rows of them, as the page has it.
+"""Algebra of small matrices whose entries are components of a trace: rows of components, as in a textbook.
 
-An entry that is zero by construction is Python's 0.0: it costs nothing, and what is multiplied by it is 0.0 again. So
-a run in which some number is not finite may keep finite ones that NumPy would lose; who runs the code looks for such.
+An entry that is zero by construction is Python's 0.0. It costs nothing, and its products are 0.0 again. So a run with
+a number that is not finite may keep finite numbers that NumPy would lose; the caller of the code checks for this.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +25,7 @@ def plus(a: Entry, b: Entry) -> Entry:
 
 
 def minus(a: Entry, b: Entry) -> Entry:
-    """a - b; of what is one and the same expression, nothing."""
+    """a - b; equal expressions give zero."""
     if is_zero(b):
         return a
     if is_zero(a):
@@ -39,7 +39,7 @@ def times(a: Entry, b: Entry) -> Entry:
 
 
 def total(terms: Iterable[Entry]) -> Entry:
-    """Their sum, one after another."""
+    """Their sum, in order."""
     found: Entry = 0.0
     for term in terms:
         found = plus(found, term)
@@ -58,7 +58,7 @@ def matmul(a: Matrix, b: Matrix) -> Matrix:
 
 
 def transpose(a: Matrix, columns: int) -> Matrix:
-    """A', for A with so many columns."""
+    """A', for A with this number of columns."""
     return [[row[j] for row in a] for j in range(columns)]
 
 
@@ -93,7 +93,7 @@ def block_diagonal(p: Matrix, q: Matrix) -> Matrix:
 
 
 class Pivots(list[Any]):
-    """Conditions that ought to be false: where one is true there is no factor."""
+    """Conditions that should be false: where one is true there is no factor."""
 
 
 def cholesky(p: Matrix, failed: Pivots, root: Callable[[Any], Any]) -> Matrix:

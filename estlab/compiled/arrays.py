@@ -1,4 +1,4 @@
-"""NumPy's functions of arrays, of components: those that put entries in another place, and a few that choose."""
+"""NumPy's array functions for arrays of components: those that rearrange entries, and a few that select."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from estlab.compiled.symbols import Expressions, Symbol, boxed, each, made, node, symbols, viewed
 from estlab.compiled.ufuncs import UFUNCS
 
-# What only puts entries in another place, or adds and multiplies them; NumPy does it with entries of any kind.
+# Functions that only rearrange entries, or add and multiply them; NumPy applies them to entries of any kind.
 _STRUCTURAL = {
     getattr(np, name)
     for name in (
@@ -29,7 +29,7 @@ _REDUCED: dict[Any, np.ufunc] = {
 
 
 def called(graph: Expressions, function: Callable[..., Any], given: Any, options: Any) -> Any:
-    """A function of NumPy that is no ufunc."""
+    """A NumPy function that is not a ufunc."""
     if function is np.where and len(given) == 3 and not options:
         return each(graph, _chosen, given)
     if function is np.clip:

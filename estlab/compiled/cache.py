@@ -1,8 +1,8 @@
 """Object code, kept between starts.
 
-A file is named by a hash of all that it was made of: the program's text in LLVM's language, and the processor. It
-begins with a hash of the rest, so what is damaged is found and made anew. It is written beside its place and moved
-there, so of processes that start at once each finds it whole or not at all. All of it may be deleted at any time.
+A file's name is a hash of everything that it was made from: the program's text in LLVM's language, and the processor.
+It starts with a hash of its content, so a damaged file is detected and made again. It is written beside its place and
+moved there, so processes that start at once find it whole or not at all. You may delete the files at any time.
 """
 
 import ctypes
@@ -29,23 +29,23 @@ _BUILT: dict[tuple[str, str], "MachineCode"] = {}
 
 
 class MachineCode:
-    """Machine code in memory, with what keeps it there."""
+    """Machine code in memory, with the objects that keep it alive."""
 
     def __init__(self, code: bytes) -> None:
-        binding, machine = _machine()  # its own: the engine ends it
+        binding, machine = _machine()  # its own: the engine frees it
         engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
         engine.add_object_file(binding.ObjectFileRef.from_data(code))
         engine.finalize_object()
         self._engine = engine
 
     def function(self, name: str) -> Callable[[int], None]:
-        """A function of the program that takes one address and gives nothing."""
+        """A function of the program that takes one address and returns nothing."""
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
         return kind(self._engine.get_function_address(name))
 
 
 def folder() -> Path:
-    """Where compiled code is kept: below ESTLAB_CACHE, or below estlab in the user's folder for caches."""
+    """The folder for compiled code: ESTLAB_CACHE, or estlab in the user's cache folder."""
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return Path(os.environ.get("ESTLAB_CACHE") or caches / "estlab") / "compiled"
 
@@ -63,13 +63,13 @@ def loadable() -> bool:
 
 
 def lanes() -> int:
-    """How many doubles a register of this processor holds."""
+    """The number of doubles in a register of this processor."""
     features = _machine_features()
     return 8 if "+avx512f" in features else 4 if "+avx" in features.split(",") else 2
 
 
 def program(text: str) -> MachineCode:
-    """The program of this text: from this process, from the folder, or compiled now."""
+    """The program for this text: from this process, from the folder, or newly compiled."""
     digest = hashlib.sha256(f"{_processor()}\0{text}".encode()).hexdigest()
     key = str(folder()), digest
     if key not in _BUILT:
@@ -119,7 +119,7 @@ def _processor() -> str:
 
 
 def _kept(digest: str) -> bytes | None:
-    """What is kept under this name, None if nothing or if it is damaged."""
+    """The code stored under this name; None if there is none or it is damaged."""
     path = folder() / f"{digest}.o"
     try:
         whole = path.read_bytes()
@@ -147,6 +147,6 @@ def _keep(digest: str, code: bytes) -> None:
 
 @lru_cache
 def _warn(message: str) -> None:
-    """Once, and by one process."""
+    """Warn once, from one process."""
     if multiprocessing.parent_process() is None:
         print(f"estlab: warning: {printable(message)}", file=sys.stderr)

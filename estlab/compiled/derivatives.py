@@ -9,13 +9,13 @@ from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Expressions, Symbol
 from estlab.compiled.trace import Tracer, UntraceableError
 
-Gradient = dict[int, Any]  # by the number of the variable; what is not there is zero
+Gradient = dict[int, Any]  # by the number of the variable; missing entries are zero
 
 
 class Traced:
-    """A model of several vectors, traced by itself, whose derivatives are then wanted at other components.
+    """A model of several vectors, traced separately, whose derivatives are then evaluated at other components.
 
-    sizes: of the vectors it is given; None for a single number. size: of what it answers.
+    sizes: of its arguments; None for a single number. size: of its result.
     """
 
     def __init__(self, function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> None:
@@ -29,7 +29,7 @@ class Traced:
 
     @property
     def graph(self) -> Expressions:
-        """Its graph, whose leaves are (the vector's place among the given, component)."""
+        """Its graph, whose leaves are (index of the argument, component)."""
         return self._tracer.graph
 
     def jacobian(self, vectors: tuple[int, ...]) -> Matrix:
@@ -45,7 +45,7 @@ class Traced:
         return [derived(self._tracer.graph, list(map(_known, row)), variables) for row in self.jacobian(vectors)]
 
     def at(self, tracer: Tracer, answer: Any, *given: Any) -> Any:
-        """An answer of this trace, nested lists, in another with these components in the place of the vectors."""
+        """A result of this trace, as nested lists, in another graph, with these components as the arguments."""
         replaced: dict[int, int] = {}
         for own, others in zip(self._given, given, strict=True):
             pairs = [(own, others)] if isinstance(own, Symbol) else zip(own, others, strict=True)
@@ -60,7 +60,7 @@ class Traced:
 
 
 def transplanted(source: Graph, outputs: Sequence[int], target: Graph, replaced: dict[int, int]) -> dict[int, int]:
-    """Where the nodes of one graph that outputs are made of come to stand in another, some of them replaced."""
+    """Copies the nodes that the outputs need from one graph into another, with some of them replaced."""
     places = dict(replaced)
     for number in source.needed(outputs):
         if number in places:
@@ -94,7 +94,7 @@ def _replaced(answer: Any, function: Callable[[Symbol], Symbol]) -> Any:
 
 
 def _known(entry: Any) -> Any:
-    """An entry that is a constant as a number."""
+    """A constant entry as a number."""
     return 0.0 if isinstance(entry, Symbol) and entry.number in entry.graph.values else entry
 
 
@@ -120,11 +120,11 @@ def derived(graph: Expressions, values: Sequence[Any], variables: Sequence[int])
 
 
 def _chain(graph: Expressions, number: int, given: tuple[int, ...], gradients: dict[int, Gradient]) -> Gradient:
-    """The gradient of a node from those of what it is made of."""
+    """The gradient of a node from the gradients of its arguments."""
     name = str(graph.nodes[number][0])
     parts = [Symbol(graph, a) for a in given]
     if name in ("select", "min", "max"):
-        # That of the one taken; NumPy takes the first of two equal ones no more than the second, and neither is wrong.
+        # The gradient of the selected argument; if both are equal, either choice is correct.
         condition = parts[0] if name == "select" else parts[0] < parts[1] if name == "min" else parts[0] > parts[1]
         yes, no = (gradients.get(a, {}) for a in given[-2:])
         return {j: _either(graph, condition, yes.get(j, 0.0), no.get(j, 0.0)) for j in {*yes, *no}}
@@ -140,7 +140,7 @@ def _chain(graph: Expressions, number: int, given: tuple[int, ...], gradients: d
 
 
 def _entry(factor: Any) -> Any:
-    """A factor, of which a zero counts as none."""
+    """A factor; zero counts as none."""
     return 0.0 if isinstance(factor, Symbol) and factor.graph.values.get(factor.number) == 0.0 else factor
 
 
@@ -154,7 +154,7 @@ def _of(symbol: Symbol, name: str) -> Symbol:
 
 
 def _off_zero(length: Symbol, derivative: Symbol) -> Symbol:
-    """A derivative; 0 where a root is 0, as of a distance at its least, where none is right and 0 lies between all."""
+    """A derivative; 0 where a root is 0, such as a minimal distance: no value is correct, and 0 lies between all."""
     return _either(length.graph, length == 0.0, 0.0, derivative)
 
 
@@ -181,7 +181,7 @@ def _remaining(value: Symbol, a: Symbol, b: Symbol) -> tuple[Any, Any]:
     return 1.0, -_of(a / b, "floor")
 
 
-# What each argument's derivative is multiplied by.
+# The factor for each argument's derivative.
 RULES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "add": lambda f, a, b: (1.0, 1.0),
     "sub": lambda f, a, b: (1.0, -1.0),

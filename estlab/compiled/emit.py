@@ -1,7 +1,7 @@
 """A graph as a function in LLVM's language, on vectors of runs.
 
-Every operation is one of IEEE 754 on each lane, in the order of the graph, none fused and none left to another order:
-results do not depend on the number of lanes, on the processor, or on what the other lanes hold.
+Every operation is one of IEEE 754 on each lane, in the order of the graph, never fused or reordered. So results do
+not depend on the number of lanes, on the processor, or on the content of the other lanes.
 """
 
 import struct
@@ -35,7 +35,7 @@ class Access(NamedTuple):
 
 
 class Types:
-    """The names of the types of so many lanes."""
+    """The type names for so many lanes."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -52,7 +52,7 @@ class Types:
 
 
 def declarations(lanes: int) -> list[str]:
-    """Of what the functions call."""
+    """The declarations of the functions that the code calls."""
     t = Types(lanes)
     lines = [f"declare {t.d} @llvm.{name}.{t.suffix}f64({t.d})" for name in _INTRINSICS.values()]
     return [*lines, f"declare {t.d} @llvm.copysign.{t.suffix}f64({t.d}, {t.d})"]
@@ -67,8 +67,8 @@ def function(
 ) -> list[str]:
     """A function that loads leaves, computes, and stores outputs: (name of access, index, node).
 
-    Its parameters are a pointer for each access in its order, and for those whose stride is no number an i64 of its
-    name; "value" is a double.
+    Its parameters are a pointer for each access in order, and an i64 named after each stride that is not a number;
+    "value" is a double.
     """
     t = Types(lanes)
     lines: list[str] = []
@@ -88,12 +88,12 @@ def function(
 
 
 def parameters(access: dict[str, Access]) -> str:
-    """What a function with these accesses is given."""
+    """The parameters of a function with these accesses."""
     return ", ".join(f"{kind} {name}" for kind, name in _parameters(access))
 
 
 def arguments(access: dict[str, Access], given: dict[str, str]) -> str:
-    """A call's arguments, by the names of the parameters."""
+    """The arguments of a call, named like the parameters."""
     return ", ".join(f"{kind} {given[name]}" for kind, name in _parameters(access))
 
 
@@ -158,7 +158,7 @@ def _spread(found: str, scalar: str, t: Types) -> list[str]:
 
 
 def _line(graph: Graph, number: int, names: dict[int, str], access: dict[str, Access], t: Types) -> list[str]:
-    """The lines that make a node, whose name is put down."""
+    """The lines that compute a node, whose name is recorded."""
     operation, *rest = graph.nodes[number]
     name = str(operation)
     if name == "const":
@@ -206,7 +206,7 @@ def _further(name: str, found: str, given: Sequence[str], t: Types) -> list[str]
     if name == "copysign":
         return [f"{found} = call {t.d} @llvm.copysign.{t.suffix}f64({t.d} {given[0]}, {t.d} {given[1]})"]
     if name in ("min", "max"):
-        # NaN if one is, as in NumPy.
+        # NaN if either is NaN, as in NumPy.
         return [
             f"{found}_c = fcmp {'olt' if name == 'min' else 'ogt'} {t.d} {given[0]}, {given[1]}",
             f"{found}_n = fcmp uno {t.d} {given[0]}, {given[0]}",

@@ -13,7 +13,7 @@ from estlab.compiled.symbols import Symbol, UntraceableError
 class Exact:
     """The derivatives of a model of several vectors.
 
-    sizes: of the vectors, None for a single number. size: of what the model answers. Raises UntraceableError.
+    sizes: of the vectors, None for a single number. size: of the model's result. Raises UntraceableError.
     """
 
     def __init__(self, function: Callable[..., Any], sizes: Sequence[int | None], size: int) -> None:
@@ -22,11 +22,11 @@ class Exact:
         self._beyond: set[tuple[int, ...]] = set()
 
     def has_jacobian(self, vectors: tuple[int, ...]) -> None:
-        """Raise UntraceableError where there is no such derivative."""
+        """Raise UntraceableError if there is no such derivative."""
         self._traced.jacobian(vectors)
 
     def has_hessians(self, vectors: tuple[int, ...]) -> bool:
-        """Whether there are second derivatives: not of what has none, nor of a large state."""
+        """Whether there are second derivatives: not for models without, nor for a large state."""
         if (kind := ("hessians", vectors)) not in self._made and vectors not in self._beyond:
             try:
                 answer = self._traced.hessians(vectors)
@@ -54,7 +54,7 @@ class Exact:
             for k, vector in enumerate(given)
             for i, part in enumerate([vector] if np.ndim(vector) == 0 else vector)
         }
-        with np.errstate(all="ignore"):  # of what np.where does not take, too
+        with np.errstate(all="ignore"):  # also from the branch that np.where does not select
             values = iter(code(leaves))
         return _filled(answer, values)
 

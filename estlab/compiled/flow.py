@@ -32,13 +32,13 @@ def loop(
 
 
 def when(name: str, condition: str, body: Sequence[str]) -> list[str]:
-    """The body if the condition, an i1, is true."""
+    """The body, executed if the condition, an i1, is true."""
     return [f"br i1 {condition}, label %{name}_yes, label %{name}_end", f"{name}_yes:", *body,
             f"br label %{name}_end", f"{name}_end:"]  # fmt: skip
 
 
 def row(found: str, array: str, row: str, columns: str = "1", column: str = "0", kind: str = "double") -> list[str]:
-    """The address of an entry of an array of so many columns."""
+    """The address of an entry of an array with so many columns."""
     return [
         f"%{found}_w = mul i64 {row}, {columns}",
         f"%{found}_x = add i64 %{found}_w, {column}",
@@ -47,7 +47,7 @@ def row(found: str, array: str, row: str, columns: str = "1", column: str = "0",
 
 
 def filled(call: str, given: Mapping[str, str]) -> str:
-    """A call with its parameters replaced by these."""
+    """A call with its parameters replaced."""
     head, _, rest = call.partition("(")
     parts = [part.rsplit(" ", 1) for part in rest.rstrip(")").split(", ")] if rest != ")" else []
     return f"{head}({', '.join(f'{kind} {given.get(name, name)}' for kind, name in parts)})"

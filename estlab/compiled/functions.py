@@ -1,8 +1,10 @@
-"""Elementary functions as graphs of additions, multiplications, divisions and roots: the same bits on every processor.
+"""Elementary functions as graphs of additions, multiplications, divisions and roots: the same bits on every
+processor.
 
-Within 2 units in the last place: sin, cos and tan for |x| <= 1e6, arctan2 up to 1e300, hypot from 1e-140 to 1e150, the
-remainder for quotients up to 2^26, exp and log for all numbers. Beyond, the graph says so (``Lowered.beyond``), and who
-runs it takes another way. Coefficients: FreeBSD msun (k_sin.c, k_cos.c, s_atan.c, e_exp.c, e_log.c).
+Accurate within 2 units in the last place: sin, cos and tan for |x| <= 1e6, arctan2 up to 1e300, hypot from 1e-140 to
+1e150, the remainder for quotients up to 2^26, exp and log for all numbers. Outside these ranges the graph reports it
+(``Lowered.beyond``), and the caller computes the run another way. Coefficients: FreeBSD msun (k_sin.c, k_cos.c,
+s_atan.c, e_exp.c, e_log.c).
 """
 
 import math
@@ -24,7 +26,7 @@ EXP = (1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793
        4.13813679705723846039e-08)  # fmt: skip
 LOG = (6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
        1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01)  # fmt: skip
-# Half of pi, in parts of 33 bits, so that their products with whole numbers up to 2^20 are exact, and what is left.
+# Half of pi, in parts of 33 bits, so that their products with integers up to 2^20 are exact, and the remainder.
 HALF_PI = (
     1.57079632673412561417e00,
     6.07710050630396597660e-11,
@@ -32,11 +34,11 @@ HALF_PI = (
     8.47842766036889956997e-32,
 )
 HALF_PI_33 = (HALF_PI[0], 6.07710050650619224932e-11)
-# Angles as sums of a double and what is left of them.
+# Angles as sums of a double and its remainder.
 QUARTER_PI = (7.85398163397448278999e-01, 3.06161699786838301793e-17)
 ATAN_HALF = (4.63647609000806093515e-01, 2.26987774529616870924e-17)
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
-ROUNDING = 6755399441055744.0  # 1.5 * 2^52: a number added to it is rounded to whole ones, which stand in its last bits
+ROUNDING = 6755399441055744.0  # 1.5 * 2^52: adding it rounds a number to an integer, which then stands in the last bits
 ROUNDING_BITS = 0x4338000000000000
 SIGN_BIT = -(1 << 63)
 
@@ -44,9 +46,9 @@ Function = Callable[..., int]
 
 
 class Lowered:
-    """A graph of arithmetic alone, made of one with elementary functions.
+    """A graph of arithmetic only, made from one with elementary functions.
 
-    outputs: the nodes that were asked for. beyond: a truth, whether an argument lies where a function is not right.
+    outputs: the nodes that were requested. beyond: whether an argument lies where a function is not accurate.
     """
 
     def __init__(self, source: Graph, outputs: Sequence[int], conditions: Iterable[int] = ()) -> None:
@@ -80,7 +82,7 @@ class Lowered:
 
 
 class Arithmetic:
-    """Operations on nodes and constants, as the functions below are written in."""
+    """Operations on nodes and constants, in which the functions below are written."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -89,7 +91,7 @@ class Arithmetic:
         return lambda *given: operation(self.graph, name.rstrip("_"), *[self.of(a) for a in given])
 
     def of(self, a: int | float) -> int:
-        """The node of a constant; a node as it is."""
+        """The node of a constant; a node unchanged."""
         return self.graph.constant(a) if isinstance(a, float) else a
 
     def whole(self, value: int) -> int:
@@ -112,7 +114,7 @@ Found = tuple[int, int | None]
 
 
 def _reduced(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
-    """x less its nearest multiple of pi / 2, and what rounding took of it; the multiple's number as bits; the limit."""
+    """x minus its nearest multiple of pi / 2, and its rounding error; the multiple as bits; the limit."""
     shifted = m.add(m.mul(x, 2.0 / math.pi), ROUNDING)
     q = m.sub(shifted, ROUNDING)
     first = m.sub(x, m.mul(q, HALF_PI[0]))
@@ -129,7 +131,7 @@ def _reduced(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
 
 
 def _kernels(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
-    """Sine and cosine of |x| <= pi / 4; and what rounding took from each."""
+    """Sine and cosine of |x| <= pi / 4; and the rounding error of each."""
     z = m.mul(x, x)
     less = m.mul(m.mul(z, x), m.polynomial(z, SIN))
     sine = m.add(x, less)
@@ -141,12 +143,12 @@ def _kernels(m: Arithmetic, x: int) -> tuple[int, int, int, int]:
 
 
 def _odd(m: Arithmetic, bits: int) -> int:
-    """Whether sine and cosine change places."""
+    """Whether sine and cosine are exchanged."""
     return m.graph.node("ine", m.ibinary("iand", bits, m.whole(1)), m.whole(0))
 
 
 def _signed(m: Arithmetic, value: int, bits: int) -> int:
-    """The value, its sign changed where the second bit is set."""
+    """The value, with its sign changed if the second bit is set."""
     sign = m.ibinary("ishl", m.ibinary("iand", bits, m.whole(2)), m.whole(62))
     return m.graph.node("from_bits", m.ibinary("ixor", m.bits(value), sign))
 
@@ -156,7 +158,7 @@ def sin(m: Arithmetic, x: int) -> Found:
     high, _, bits, limit = _reduced(m, x)
     sine, cosine, _, _ = _kernels(m, high)
     found = _signed(m, m.select(_odd(m, bits), cosine, sine), bits)
-    # Of x = -0 the sum that leaves nothing has lost the sign.
+    # For x = -0 the sum with zero has lost the sign.
     return m.select(m.eq(x, 0.0), x, found), limit
 
 
@@ -168,7 +170,7 @@ def cos(m: Arithmetic, x: int) -> Found:
 
 
 def tan(m: Arithmetic, x: int) -> Found:
-    """The tangent: the quotient, and what roundings of both sides make of it."""
+    """The tangent: the quotient, corrected for the rounding errors of both sides."""
     high, low, bits, limit = _reduced(m, x)
     sine, cosine, of_sine, of_cosine = _kernels(m, high)
     of_sine, of_cosine = m.add(of_sine, m.mul(low, cosine)), m.sub(of_cosine, m.mul(low, sine))
@@ -180,7 +182,7 @@ def tan(m: Arithmetic, x: int) -> Found:
 
 
 def arctan2(m: Arithmetic, y: int, x: int) -> Found:
-    """The angle of (x, y): of the smaller below the larger, near 0, near atan(1/2) or near pi / 4; and its octant."""
+    """The angle of (x, y): of the smaller over the larger, near 0, near atan(1/2) or near pi / 4; and its octant."""
     ay, ax = m.abs(y), m.abs(x)
     swap = m.gt(ay, ax)
     n, d = m.select(swap, ax, ay), m.select(swap, ay, ax)
@@ -211,12 +213,12 @@ def hypot(m: Arithmetic, a: int, b: int) -> Found:
 
 
 def remainder(m: Arithmetic, a: int, b: int) -> Found:
-    """a less the next lower multiple of b, with the sign of b; products of two halves of b are exact."""
+    """a minus the next lower multiple of b, with the sign of b; products of two halves of b are exact."""
     q = m.floor(m.div(a, b))
     spread = m.mul(b, 134217729.0)
     high = m.sub(spread, m.sub(spread, b))
     rest = m.sub(m.sub(a, m.mul(q, high)), m.mul(q, m.sub(b, high)))
-    # The quotient was rounded, and may be one too many; what is below a whole number is never rounded below it.
+    # The quotient was rounded, and may be one too large; a number below an integer is never rounded below it.
     negative, other = m.lt(b, 0.0), m.copysign(0.0, b)
     missed = m.or_(m.and_(negative, m.gt(rest, 0.0)), m.and_(m.not_(negative), m.lt(rest, 0.0)))
     rest = m.select(missed, m.add(rest, b), rest)
@@ -226,7 +228,7 @@ def remainder(m: Arithmetic, a: int, b: int) -> Found:
 
 
 def exp(m: Arithmetic, x: int) -> Found:
-    """The exponential: of what is left of x after n log 2, times 2^n in two steps, as n may be below all powers."""
+    """The exponential of the remainder of x after n log 2, times 2^n in two steps: n may be below all powers."""
     x = m.max(m.min(x, 720.0), -760.0)
     shifted = m.add(m.mul(x, 1.0 / math.log(2.0)), ROUNDING)
     n = m.sub(shifted, ROUNDING)
@@ -243,7 +245,7 @@ def exp(m: Arithmetic, x: int) -> Found:
 
 
 def log(m: Arithmetic, x: int) -> Found:
-    """The natural logarithm: k log 2 and that of what lies about 1."""
+    """The natural logarithm: k log 2 plus that of a number near 1."""
     small = m.lt(x, 2.2250738585072014e-308)
     scaled = m.select(small, m.mul(x, 18014398509481984.0), x)
     bits = m.bits(scaled)

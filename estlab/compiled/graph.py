@@ -1,4 +1,4 @@
-"""An expression graph: every operation on the same arguments is one node, so what is computed twice is there once."""
+"""An expression graph. The same operation on the same arguments is one node, so it is computed only once."""
 
 import struct
 from collections.abc import Iterable
@@ -13,16 +13,16 @@ LEAVES = frozenset({"const", "iconst", "leaf", "true", "false"})
 
 
 class Graph:
-    """Nodes in the order of their making, so arguments come before what is made of them.
+    """Nodes in the order of creation, so arguments come before the nodes that use them.
 
-    A node is (operation, *arguments), arguments being numbers of nodes; a constant is ("const", its bits), and what the
-    graph is given is ("leaf", name, index).
+    A node is (operation, *arguments), where arguments are node numbers. A constant is ("const", its bits), and an
+    input is ("leaf", name, index).
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.values: dict[int, float] = {}  # of constants
-        self.settled: set[int] = set()  # nodes made of constants and of what is the same in all runs, and finite
+        self.settled: set[int] = set()  # nodes made of constants and of finite inputs that are the same in all runs
         self._numbers: dict[Node, int] = {}
 
     def node(self, operation: str, *arguments: object) -> int:
@@ -35,7 +35,7 @@ class Graph:
         return number
 
     def constant(self, value: float) -> int:
-        """A number; zeros of both signs are two."""
+        """A number; the zeros of both signs differ."""
         number = self.node("const", struct.unpack("<q", struct.pack("<d", value))[0])
         self.values[number] = value
         self.settled.add(number)
@@ -46,23 +46,23 @@ class Graph:
         return self.node("true" if value else "false")
 
     def leaf(self, name: str, index: int, settled: bool = False) -> int:
-        """What is given. settled: the same in all runs, and finite."""
+        """An input. settled: the same in all runs, and finite."""
         number = self.node("leaf", name, index)
         if settled:
             self.settled.add(number)
         return number
 
     def arguments(self, number: int) -> tuple[int, ...]:
-        """The nodes that this one is made of."""
+        """The nodes that this one uses."""
         node = self.nodes[number]
         return () if node[0] in LEAVES else node[1:]  # type: ignore[return-value]
 
     def is_boolean(self, number: int) -> bool:
-        """Whether a node is true or false, and no number."""
+        """Whether a node is a truth value, not a number."""
         return self.nodes[number][0] in BOOLEAN
 
     def needed(self, outputs: Iterable[int]) -> list[int]:
-        """The nodes that these are made of, in order."""
+        """The nodes that these need, in order."""
         found: set[int] = set()
         waiting = list(outputs)
         while waiting:

@@ -1,4 +1,4 @@
-"""A graph gone through by NumPy, node by node."""
+"""Evaluates a graph with NumPy, node by node."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -40,7 +40,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": np.logical_and,
     "or": np.logical_or,
     "not": np.logical_not,
-    # What elementary functions are made of.
+    # The operations that elementary functions consist of.
     "bits": lambda a: np.asarray(a, dtype=float).view(np.int64),
     "from_bits": lambda a: np.asarray(a).view(float),
     "negative_bits": lambda a: np.less(a, 0),

@@ -1,7 +1,7 @@
-"""The routines of a filter's program: prediction, update, what is kept of each step, and the smoother's step back.
+"""The routines of a filter's program: prediction, update, recording of each step, and the smoother's backward step.
 
-What is written here, in predictions, updates and roots for components is what estlab.filters writes for arrays; tests
-hold both to each other.
+This module, predictions, updates and roots write for components what estlab.filters writes for arrays; tests compare
+both.
 """
 
 import math
@@ -28,7 +28,7 @@ from estlab.maths.linalg import ROUNDING
 
 
 def predict(steps: Steps, paused: bool = False) -> Routine:
-    """A prediction; paused, of those runs alone that have the next reading."""
+    """A prediction; if paused, only for the runs that have the next reading."""
     routine = Routine(steps.n)
     mean, matrix = routine.belief()
     control, dt = steps.given(routine)
@@ -45,7 +45,7 @@ def predict(steps: Steps, paused: bool = False) -> Routine:
 
 
 def update(steps: Steps) -> Routine:
-    """An update with a reading, of the runs that have it."""
+    """An update with a reading, for the runs that have it."""
     routine = Routine(steps.n)
     if steps.method.updating and steps.sensor.space.size:
         (updated_root if steps.method.transform == "factors" else updated)(steps, routine)
@@ -53,7 +53,7 @@ def update(steps: Steps) -> Routine:
 
 
 def record(steps: Steps, gated: bool) -> Routine:
-    """What is kept of a step: mean and covariance and, if gated, how many readings were refused; is all finite?"""
+    """Records a step: mean and covariance and, with a gate, the number of rejected readings; are all finite?"""
     routine, n = Routine(steps.n), steps.n
     mean, matrix = routine.belief()
     every = total([*mean, *(matrix[i][j] for i in range(n) for j in range(i + 1))])
@@ -70,7 +70,7 @@ def record(steps: Steps, gated: bool) -> Routine:
 
 
 def smooth(steps: Steps) -> Routine:
-    """A step back of the Rauch-Tung-Striebel smoother: see estlab.filters.smoother. A singular prediction fails."""
+    """A backward step of the Rauch-Tung-Striebel smoother: see estlab.filters.smoother. A singular prediction fails."""
     routine, n = Routine(steps.n), steps.n
     later_mean, later_cov = routine.belief()
     mean = routine.tracer.leaves("before_mean", n)

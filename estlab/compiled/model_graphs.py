@@ -1,4 +1,4 @@
-"""A motion and a sensor as a trace asks for them: values, derivatives, noise."""
+"""A motion and a sensor in the form that a trace needs: values, derivatives, noise."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Model = Callable[..., Any]
 
 
 def wrapped(space: Space, values: Row) -> Row:
-    """Angles brought back to half a turn; see estlab.maths.space.wrap."""
+    """Angles wrapped to half a turn; see estlab.maths.space.wrap."""
     return [wrap(value) if i in space.angles else value for i, value in enumerate(values)]
 
 
@@ -27,7 +27,7 @@ def wrap(angle: Any) -> Any:
 
 
 def rounded(a: Symbol) -> Symbol:
-    """The nearest whole number."""
+    """The nearest integer."""
     found: Symbol = a.rint()
     return found
 
@@ -39,7 +39,7 @@ def root(a: Any) -> Any:
 
 @dataclass(frozen=True)
 class MotionModel:
-    """estlab.models.contract.Motion, by its parts. controls: how many components a command has."""
+    """The parts of estlab.models.contract.Motion. controls: the number of components of a command."""
 
     space: Space
     move: Model
@@ -49,13 +49,13 @@ class MotionModel:
     stated_hessians: Model | None
 
     def value(self, tracer: Tracer, state: Row, control: Row, noise: Row | None, dt: Any) -> Row:
-        """The state after; no noise is -0, which added to a number leaves it as it is."""
+        """The next state. No noise is -0, because adding it leaves a number unchanged."""
         given = [-0.0 if is_zero(entry) else entry for entry in noise or self._silent]
         found: Row = tracer.call(self.move, state, control, given, dt, shape=(self.space.size,))
         return found
 
     def jacobians(self, tracer: Tracer, state: Row, control: Row, dt: Any) -> tuple[Matrix, Matrix]:
-        """Rows of the derivatives in state and noise: stated, or found where what is stated cannot be traced."""
+        """Rows of the derivatives in state and noise: stated, or derived if the stated ones cannot be traced."""
         if self.stated_jacobians is not None:
             stated, n, q = self.stated_jacobians, self.space.size, self.noises
             try:
@@ -100,9 +100,9 @@ def _side_by_side(pair: Any, n: int) -> Any:
 
 @dataclass(frozen=True)
 class SensorModel:
-    """estlab.models.contract.Sensor, by its parts, giving ``count`` readings about as many landmarks at once.
+    """The parts of estlab.models.contract.Sensor, for ``count`` readings about as many landmarks at once.
 
-    coordinates: how many components a landmark has. single: the space of one reading.
+    coordinates: the number of components of a landmark. single: the space of one reading.
     """
 
     single: Space
@@ -115,7 +115,7 @@ class SensorModel:
 
     @property
     def space(self) -> Space:
-        """Of all readings together."""
+        """The space of all readings together."""
         return self.single if self.count == 1 else self.single.repeat(self.count)
 
     def value(self, tracer: Tracer, state: Row, landmarks: Sequence[Row]) -> Row:

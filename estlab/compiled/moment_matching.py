@@ -1,4 +1,4 @@
-"""A Gaussian belief through a traced function: what estlab.maths.transforms and sigma_points do, in components."""
+"""A Gaussian belief through a traced function: estlab.maths.transforms and sigma_points, in components."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,8 +34,9 @@ class TracedMoments(NamedTuple):
 
 @dataclass(frozen=True)
 class Points:
-    """Sigma points for so many axes. Symmetric ones lie ``scale`` along each axis and weigh ``weight`` each; others are
-    listed for a unit covariance, (axes, p), with their weights. bonus: the centre's weight in the covariance less one.
+    """Sigma points for so many axes. Symmetric points lie at ``scale`` along each axis and weigh ``weight`` each;
+    others are listed for a unit covariance, (axes, p), with their weights. bonus: the centre's weight in the
+    covariance minus one.
     """
 
     scale: Any = None
@@ -45,7 +46,7 @@ class Points:
     bonus: Any = -1.0
 
     def offsets(self, factor: Matrix) -> list[Row]:
-        """Where the points lie from the mean."""
+        """The points' offsets from the mean."""
         n = len(factor)
         if self.listed is None:
             outward = [[times(self.scale, factor[i][j]) for i in range(n)] for j in range(n)]
@@ -56,12 +57,12 @@ class Points:
         ]
 
     def of(self, p: int) -> Any:
-        """What a point weighs."""
+        """The weight of a point."""
         return self.weight if self.listed is None else self.weights[p]
 
     @property
     def alike(self) -> bool:
-        """Whether all weigh the same."""
+        """Whether all weights are equal."""
         return self.listed is None or len(set(self.weights)) == 1
 
 
@@ -82,9 +83,7 @@ def by_points(
     factor: Matrix,
     crossed: int,
 ) -> TracedMoments:
-    """Through points about the mean. wrap: brings differences of values back. crossed: for how many of its components
-    the cross-covariance is wanted.
-    """
+    """Moments through points about the mean. wrap: wraps differences. crossed: components with a cross-covariance."""
     offsets = points.offsets(factor)
     middle, rises = deviations(points, function, wrap, mean, offsets)
     m, count = len(middle), len(offsets)
@@ -110,7 +109,7 @@ def by_points(
 
 
 def _opposite(points: Points, factor: Matrix, rises: list[Row], crossed: int, m: int) -> Matrix:
-    """Of points that lie opposite each other: the sum over the axes of L (of one's value less the other's)."""
+    """For points that lie opposite each other: the sum over the axes of L times the difference of their values."""
     n = len(factor)
     difference = [[minus(rises[k][i], rises[n + k][i]) for i in range(m)] for k in range(n)]
     scale = points.weight * points.scale
@@ -127,7 +126,7 @@ def deviations(
     mean: Row,
     offsets: list[Row],
 ) -> tuple[Row, list[Row]]:
-    """The value at the mean, and those at the points less it."""
+    """The value at the mean, and the values at the points minus it."""
     middle = function(mean)
     rises = []
     for offset in offsets:

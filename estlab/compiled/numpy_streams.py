@@ -33,7 +33,7 @@ def states(generators: list[np.random.Generator]) -> Array:
     found = np.empty((len(generators), 4), dtype=np.uint64)
     for row, generator in zip(found, generators, strict=True):
         if not isinstance(generator.bit_generator, np.random.PCG64):
-            raise ValueError("it draws from NumPy's PCG64 alone; take engine=numpy")
+            raise ValueError("it draws from NumPy's PCG64 alone; set engine=numpy")
         whole = generator.bit_generator.state["state"]
         row[:] = [part for name in ("state", "inc") for part in (whole[name] % _WORD, whole[name] // _WORD)]
     return found

@@ -2,7 +2,7 @@
 
 from estlab.compiled.flow import loop, row
 
-_INFINITE = "0x7FF0000000000000"
+_BEYOND_ALL = (1 << 63) - 1  # whose bits no number exceeds, not even NaN
 
 
 def choose() -> list[str]:
@@ -36,7 +36,7 @@ def choose() -> list[str]:
         *row("end_at", "edge", "%COUNT", "1", "-1"),
         "%end = load double, ptr %end_at, align 8",
         # No position lies beyond the last particle, whatever rounding says.
-        f"store double {_INFINITE}, ptr %end_at, align 8",
+        f"store i64 {_BEYOND_ALL}, ptr %end_at, align 8",
         "%per = load double, ptr %strata, align 8",
         *row("strata_at", "strata", "1"),
         "%strata_count = load double, ptr %strata_at, align 8",

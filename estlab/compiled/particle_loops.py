@@ -39,53 +39,51 @@ Columns = Mapping[str, ParticleColumn]
 def over(
     v: str, routine: Routine, columns: Columns, read: Sequence[str], written: Sequence[str], lanes: int
 ) -> list[str]:
-    """A routine for all particles of the run."""
+    """A routine for all particles of the run. read, written: columns of which the last particles go aside and back."""
     access = {name: Access("lanes", f"%{name}_stride") for name in columns} | _ACCESS
     lines, used = _text(routine, access, lanes)
     columns = {name: column for name, column in columns.items() if name in used}
-    landmarks, first = {}, 0
+    places, first = {}, 0
     for name, column in columns.items():
-        landmarks[name], first = first, first + EIGHT * column.rows
-    aside = {name: column for name, column in columns.items() if not column.padded}
-    inward = [
-        line for name, column in aside.items() if name in read
-        for line in _copied_in(f"{v}_{name}", column, landmarks[name])
-    ]  # fmt: skip
-    outward = [
-        line for name, column in aside.items() if name in written
-        for line in _copied_out(f"{v}_{name}", column, landmarks[name])
-    ]  # fmt: skip
+        places[name], first = first, first + EIGHT * column.rows
+    read, written = ([name for name in names if name in columns] for names in (read, written))
+    inward = [line for name in read for line in _copied_in(f"{v}_{name}", columns[name], places[name])]
+    outward = [line for name in written for line in _copied_out(f"{v}_{name}", columns[name], places[name])]
     body = [
         f"%{v}_p = mul i64 %{v}, {EIGHT}",
         f"%{v}_last = icmp sgt i64 %{v}_p, %latest",
         f"%{v}_present = select i1 %{v}_last, ptr %present_last, ptr %present",
     ]
+    strides = {}
     for name, column in columns.items():
-        base = f"%{v}_{name}"
-        whole = f"{base}_full" if name in aside else f"{base}_at"
-        body.append(f"{whole} = getelementptr double, ptr {column.pointer}, i64 %{v}_p")
-        if name in aside:
-            body += [
-                f"{base}_aside = getelementptr double, ptr %aside, i64 {landmarks[name]}",
-                f"{base}_at = select i1 %{v}_last, ptr {base}_aside, ptr {base}_full",
-                f"{base}_stride = select i1 %{v}_last, i64 {EIGHT}, i64 {column.stride}",
-            ]
+        lines_of, strides[name] = _columns_place(f"%{v}_{name}", column, places[name], v)
+        body += lines_of
     for part in range(0, EIGHT, lanes):
         given = dict(_GIVEN)
-        for name, column in columns.items():
-            at = f"{v}{part}_{name}_at"
-            body.append(f"%{at} = getelementptr double, ptr %{v}_{name}_at, i64 {part}")
-            given[name] = f"%{at}"
-            given[f"{name}_stride"] = f"%{v}_{name}_stride" if name in aside else column.stride
-        for name, base in (("sums", "%sums"), ("flag", "%run_flags"), ("present", f"%{v}_present")):
-            body.append(f"%{v}{part}_{name} = getelementptr double, ptr {base}, i64 {part}")
-            given[name] = f"%{v}{part}_{name}"
+        bases = {name: f"%{v}_{name}_at" for name in columns}
+        bases |= {"sums": "%sums", "flag": "%run_flags", "present": f"%{v}_present"}
+        for name, base in bases.items():
+            given[name] = f"%{v}{part}_{name}_at"
+            body.append(f"{given[name]} = getelementptr double, ptr {base}, i64 {part}")
+        given |= {f"{name}_stride": stride for name, stride in strides.items()}
         body += _inlined(lines, f"{v}{part}_", given)
     return [
         *when(f"{v}_in", "%partial", inward),
         *loop(v, "0", "%eights", body),
         *when(f"{v}_back", "%partial", outward),
     ]
+
+
+def _columns_place(base: str, column: ParticleColumn, place: int, v: str) -> tuple[list[str], str]:
+    """<base>_at, where the numbers of the eight begin: in the column, or aside for the last ones; and their stride."""
+    if column.padded:
+        return [f"{base}_at = getelementptr double, ptr {column.pointer}, i64 %{v}_p"], column.stride
+    return [
+        f"{base}_full = getelementptr double, ptr {column.pointer}, i64 %{v}_p",
+        f"{base}_aside = getelementptr double, ptr %aside, i64 {place}",
+        f"{base}_at = select i1 %{v}_last, ptr {base}_aside, ptr {base}_full",
+        f"{base}_stride = select i1 %{v}_last, i64 {EIGHT}, i64 {column.stride}",
+    ], f"{base}_stride"
 
 
 def once(v: str, routine: Routine, lanes: int) -> list[str]:
@@ -190,16 +188,9 @@ def _copied_out(v: str, column: ParticleColumn, place: int) -> list[str]:
 
 
 def zeros(v: str, count: int, value: str = "0.0") -> list[str]:
-    """So many sums begun anew, of what is added to."""
-    return loop(
-        f"{v}_z",
-        "0",
-        str(EIGHT * count),
-        [
-            f"%{v}_at = getelementptr double, ptr %sums, i64 %{v}_z",
-            f"store double {value}, ptr %{v}_at, align 8",
-        ],
-    )
+    """So many sums begun anew, from 0 or from another value."""
+    body = [*row(f"{v}_at", "sums", f"%{v}_z"), f"store double {value}, ptr %{v}_at, align 8"]
+    return loop(f"{v}_z", "0", str(EIGHT * count), body)
 
 
 def of_run(name: str, following: str) -> list[str]:
@@ -211,6 +202,7 @@ def of_run(name: str, following: str) -> list[str]:
 
 
 def each_run(body: Sequence[str]) -> list[str]:
+    """The body for each run, %nth of those given and %number of all: its flags and how its particles are cut."""
     return [
         f"%whole = add i64 %COUNT, {EIGHT - 1}",
         f"%eights = sdiv i64 %whole, {EIGHT}",
@@ -230,6 +222,7 @@ def each_run(body: Sequence[str]) -> list[str]:
 
 
 def program(fields: Sequence[str], body: Sequence[str], lanes: int, functions: Sequence[str] = ()) -> str:
+    """A whole program, @run, with its fields by their names: numbers in capitals, else addresses."""
     lines = [*emit.declarations(lanes), *functions, "define void @run(ptr %fields) #0 {", "entry:"]
     for i, name in enumerate(fields):
         lines += [

@@ -1,4 +1,4 @@
-"""Moments of the state after a step, and of the reading to come: see estlab.filters.gaussian."""
+"""Moments of the state after a step, and of the next reading: see estlab.filters.gaussian."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from estlab.compiled.routines import Routine, Steps
 def predicted_state(
     steps: Steps, routine: Routine, mean: Row, cov: Matrix, control: Row, dt: Any, crossed: int
 ) -> TracedMoments:
-    """The motion's moments, noise included, with the cross-covariance of this many components before."""
+    """The motion's moments, noise included, with the cross-covariance to so many components of the previous state."""
     motion, method, tracer = steps.motion, steps.method, routine.tracer
     n, noise = steps.n, steps.process_noise(tracer)
     if method.transform == "points":

@@ -1,8 +1,8 @@
 """Whole programs: loops over groups of runs, steps and readings around the routines of a filter.
 
-A group of runs goes through one step before the next, so that its beliefs stay in the nearest cache and rows of the
-histories are written in stretches. Where the runs do not fill the last vector, it begins earlier and does some runs
-twice, to the same numbers.
+A group of runs completes one step before the next, so that its beliefs stay in the nearest cache and rows of the
+histories are written in stretches. If the runs do not fill the last vector, it begins earlier and computes some runs
+twice, with the same results.
 """
 
 from collections.abc import Mapping
@@ -15,10 +15,13 @@ from estlab.compiled.routines import Routine, slots
 from estlab.compiled.rules import operation
 from estlab.compiled.symbols import Symbol, UntraceableError
 
-_IN_CACHE = 2048  # numbers of a group's beliefs, half of the nearest cache
+# Numbers of a group's beliefs: they stay in the nearest cache if it holds so many vectors, else in the next, since of
+# fewer the rows of a history are written in stretches too short.
+_NEAREST, _NEXT = 2048, 16384
+_VECTORS = 16
 MOST_OPERATIONS = 25_000
 
-# What a program is given, in this order, as 64 bits each: addresses and numbers.
+# The arguments of a program, in this order, as 64 bits each: addresses and numbers.
 FIELDS = (
     "runs", "first", "last", "steps", "readings", "reading_stride",
     "controls", "control_stride", "noises",  # columns of the first and the last: runs, or 1
@@ -35,7 +38,7 @@ _POINTERS = frozenset(FIELDS) - {
 def accesses(
     lanes: int, each_control: bool, each_noise: bool, each_landmark: bool, coordinates: int, streamed: bool
 ) -> dict[str, Access]:
-    """How all that routines load and store lies in memory."""
+    """The memory layout of everything that routines load and store."""
     return {
         "belief": Access("lanes", str(lanes)),
         "parameter": Access("one"),
@@ -55,7 +58,7 @@ def accesses(
 
 
 def routine_of(name: str, routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[list[str], int, str]:
-    """A routine as a function, how many nodes it has, and the text of its call with parameters by their names."""
+    """A routine as a function, its number of nodes, and the text of its call with named parameters."""
     graph = routine.tracer.graph
     nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in routine.outputs]
     lowered = Lowered(graph, nodes, [symbol.number for symbol in routine.failed])
@@ -79,7 +82,7 @@ def _call(name: str, own: dict[str, Access]) -> str:
 
 
 def filtering(routines: Mapping[str, Routine], access: Mapping[str, Access], n: int, lanes: int) -> str:
-    """The program of a filter: routines predict, pause (where there is one), update and record."""
+    """The program of a filter: routines predict, pause (if needed), update and record."""
     functions, calls = _functions(routines, access, lanes)
     body = [
         *loop("v0", "%begin", "%end", [*_at("v0", n, lanes), *_moved("v0", n, lanes, "load")]),
@@ -103,7 +106,7 @@ def filtering(routines: Mapping[str, Routine], access: Mapping[str, Access], n: 
 
 
 def smoothing(routines: Mapping[str, Routine], access: Mapping[str, Access], n: int, lanes: int) -> str:
-    """The program of a smoother: routines smooth and record; from the last step to the first."""
+    """The program of a smoother: routines smooth and record, from the last step to the first."""
     functions, calls = _functions(routines, access, lanes)
     back = [
         "%k1 = sub i64 %last, %kk",
@@ -142,7 +145,7 @@ def _functions(
 
 
 def _program(functions: list[str], body: list[str], n: int, lanes: int) -> str:
-    together = max(1, _IN_CACHE // (slots(n) * lanes))
+    together = _together(n, lanes)
     lines = [*emit.declarations(lanes), *functions, "define void @run(ptr %fields) #0 {", "entry:"]
     for i, name in enumerate(FIELDS):
         kind = "ptr" if name in _POINTERS else "i64"
@@ -185,7 +188,7 @@ def _at(v: str, n: int, lanes: int) -> list[str]:
 
 
 def _moved(v: str, n: int, lanes: int, way: str) -> list[str]:
-    """Beliefs from between two calls into the group's room, or back."""
+    """Moves beliefs from between two calls into the group's memory, or back."""
     kind, lines = f"<{lanes} x double>", []
     for slot in range(slots(n)):
         x = f"%{v}_{slot}"
@@ -203,7 +206,7 @@ def _moved(v: str, n: int, lanes: int, way: str) -> list[str]:
 def _predicting(
     v: str, k: str, dt: str, call: str, n: int, lanes: int, access: Mapping[str, Access], before: str = "0"
 ) -> list[str]:
-    """A routine that goes over a step, for all vectors of the group."""
+    """A routine that performs a step for all vectors of the group."""
     control = f"%{v}_r" if access["control"].kind == "lanes" else "0"
     noise = f"%{v}_r" if access["noise"].kind == "lanes" else "0"
     body = [
@@ -232,7 +235,7 @@ def _bounds() -> list[str]:
 
 
 def _reading(calls: Mapping[str, str], n: int, lanes: int, access: Mapping[str, Access]) -> list[str]:
-    """All vectors of the group given reading %i."""
+    """Updates all vectors of the group with reading %i."""
     body = [
         *_at("v2", n, lanes),
         *row("v2_value", "value", "%i", "%runs", "%v2_r"),
@@ -269,5 +272,11 @@ def _recorded(v: str, k: str, call: str, array: str = "") -> list[str]:
 
 
 def room(n: int, lanes: int) -> int:
-    """How many numbers the beliefs of a group take."""
-    return max(1, _IN_CACHE // (slots(n) * lanes)) * slots(n) * lanes
+    """How many numbers the beliefs of a group need."""
+    return _together(n, lanes) * slots(n) * lanes
+
+
+def _together(n: int, lanes: int) -> int:
+    """How many vectors a group has."""
+    near, further = (numbers // (slots(n) * lanes) for numbers in (_NEAREST, _NEXT))
+    return near if near >= _VECTORS else max(1, further)

@@ -1,4 +1,4 @@
-"""The steps of filters on factors: see estlab.filters.square_root."""
+"""The steps of square-root filters: see estlab.filters.square_root."""
 
 import math
 from typing import Any, NamedTuple
@@ -33,7 +33,7 @@ class Deviations(NamedTuple):
 
 
 def lower(matrix: Matrix) -> Matrix:
-    """The factor, of which the lower triangle is kept."""
+    """The factor, of which the lower triangle is stored."""
     return [[entry if j <= i else 0.0 for j, entry in enumerate(row)] for i, row in enumerate(matrix)]
 
 
@@ -61,7 +61,7 @@ def spread(steps: Steps, routine: Routine, name: str, given: PointSet | None, fu
 def predicted_root(
     steps: Steps, routine: Routine, mean: Row, matrix: Matrix, control: Row, dt: Any, crossed: int
 ) -> TracedMoments:
-    """The mean and the factor (in the place of the covariance) after a prediction."""
+    """The mean, and the factor in place of the covariance, after a prediction."""
     motion, tracer = steps.motion, routine.tracer
 
     def move(at: Row) -> Row:
@@ -81,7 +81,7 @@ def beside(a: Matrix, b: Matrix) -> Matrix:
 
 
 def updated_root(steps: Steps, routine: Routine) -> None:
-    """The belief given the reading, its innovation, and whether it was refused."""
+    """The belief given the reading, its innovation, and whether it was rejected."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
     mean, matrix = routine.belief()
     reading = reading_of(steps, routine)
@@ -107,7 +107,7 @@ def updated_root(steps: Steps, routine: Routine) -> None:
     if gated is not None:
         kalman_gain = [[unless(gated, routine, entry, 0.0) for entry in row] for row in kalman_gain]
     moved = [plus(mean[c], total(times(kalman_gain[c][a], innovation[a]) for a in range(m))) for c in range(n)]
-    # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
+    # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, a sum of squares.
     less = matmul(kalman_gain, of_value)
     left = [[minus(x, z) for x, z in zip(xs, zs, strict=True)] for xs, zs in zip(found.of_state, less, strict=True)]
     rest = triangle(beside(left, matmul(kalman_gain, noise)), routine.failed, root)

@@ -1,4 +1,4 @@
-"""What the steps of a filter are written in: routines of a program, and what they need to know of models and filter."""
+"""The building blocks of a filter's steps: routines of a program, and what they need to know of models and filter."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,8 +16,8 @@ Output = tuple[str, int, Any]
 
 @dataclass(frozen=True)
 class PointSet:
-    """Sigma points as numbers; see moment_matching.Points. Symmetric ones are given by the square of their
-    distance; others by their places for a unit covariance (axes, p) and their weights.
+    """Sigma points as numbers; see moment_matching.Points. Symmetric ones are given by the square of their distance;
+    others by their positions for a unit covariance (axes, p) and their weights.
     """
 
     spread2: float = 1.0
@@ -28,11 +28,11 @@ class PointSet:
 
 @dataclass(frozen=True)
 class Method:
-    """A filter, by what its steps do.
+    """A filter, described by its steps.
 
-    transform: linearised, with second derivatives (of which form), through points, or through points on factors.
+    transform: linearised, with second derivatives (in which form), through points, or through points on factors.
     motion, sensor: the points for each. augmented: whether the noises go through the models with the state.
-    iterations: of the update. updating: whether readings are used. gated: whether some are refused.
+    iterations: of the update. updating: whether readings are used. gated: whether some are rejected.
     """
 
     transform: Literal["linearised", "gaussian", "modified", "points", "factors"]
@@ -51,7 +51,7 @@ class Method:
 
 @dataclass
 class Parameters:
-    """Numbers that are the same in all runs and steps, and no part of the code."""
+    """Numbers that are the same in all runs and steps, and not part of the code."""
 
     values: list[float] = field(default_factory=list)
     _numbers: dict[str, int] = field(default_factory=dict)
@@ -74,13 +74,13 @@ class Routine:
         self.n = n
 
     def belief(self, name: str = "belief") -> tuple[Row, Matrix]:
-        """Mean, and covariance or factor, as they are kept: the mean, then the lower triangle."""
+        """Mean, and covariance or factor, as they are stored: the mean, then the lower triangle."""
         n = self.n
         mean = [self.tracer.leaf(name, i) for i in range(n)]
         return mean, symmetric(n, lambda i, j: self.tracer.leaf(name, triangular(n, i, j)))
 
     def keep(self, mean: Row, matrix: Matrix) -> None:
-        """Put mean and lower triangle in the place of the belief."""
+        """Store mean and lower triangle as the belief."""
         for i in range(self.n):
             self.outputs.append(("belief", i, mean[i]))
             self.outputs += [("belief", triangular(self.n, i, j), matrix[i][j]) for j in range(i + 1)]
@@ -93,21 +93,21 @@ class Routine:
 
 
 def triangular(n: int, i: int, j: int) -> int:
-    """Where entry (i, j) of the lower triangle is kept, after n components of the mean."""
+    """The index of entry (i, j) of the lower triangle, after n components of the mean."""
     return n + i * (i + 1) // 2 + j
 
 
 def slots(n: int) -> int:
-    """How many numbers a belief has: mean, triangle, 1 if it is beyond what the code can do, how many were refused."""
+    """The size of a belief: mean, triangle, 1 if it is beyond what the code can do, number of rejected readings."""
     return triangular(n, n, 0) + 2
 
 
 class Steps:
     """The routines of a filter.
 
-    noise: which entries (i, j), j <= i, of the process noise's covariance (or factor) are not zero, in the order of the
-    table they come from. measurement_noise: rows of the covariance of the readings, and of its factor.
-    quantiles: of the gate, by how many numbers were measured. masked: whether numbers may be missing.
+    noise: which entries (i, j), j <= i, of the process noise's covariance (or factor) are not zero, in the order of
+    their table. measurement_noise: rows of the covariance of the readings, and of its factor. quantiles: of the gate,
+    by the number of values measured. masked: whether values may be missing.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class Steps:
         return Points(scale, weight, bonus=bonus)
 
     def process_noise(self, tracer: Tracer) -> Matrix:
-        """Its covariance or lower factor, by what the method wants."""
+        """Its covariance or lower factor, whichever the method needs."""
         q = self.motion.noises
         rows: Matrix = [[0.0] * q for _ in range(q)]
         whole = not self.method.factors_noise
@@ -168,11 +168,11 @@ class Steps:
         return whole
 
     def given(self, routine: Routine) -> tuple[Row, Any]:
-        """Command and length of a prediction."""
+        """Command and duration of a prediction."""
         return routine.tracer.leaves("control", self.motion.controls), routine.tracer.leaf("lapse", 0, settled=True)
 
     def has(self, values: Row) -> Symbol | None:
-        """Whether a run has any of a reading; None: each does."""
+        """Whether a run has any part of a reading; None: each does."""
         if not self.masked:
             return None
         present = [value == value for value in values]

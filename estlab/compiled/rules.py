@@ -1,7 +1,7 @@
 """What is known of an operation without computing it.
 
-Every rule holds for all numbers of IEEE 754, infinities, NaN and zeros of both signs: x + (-0) is x, where x + 0 is not
-(of -0 it makes +0), and 0 x is 0 only where x is known to be finite and the same in all runs, as a length of time is.
+Every rule holds for all numbers of IEEE 754, infinities, NaN and zeros of both signs. x + (-0) is x, but x + 0 is not
+(it turns -0 into +0). 0 x is 0 only if x is known to be finite and the same in all runs, as a duration is.
 """
 
 import math
@@ -53,7 +53,7 @@ LOGIC: dict[str, Callable[[float, float], bool]] = {
 
 
 def operation(graph: Graph, name: str, *arguments: int) -> int:
-    """The node of this operation, or a simpler one that is the same."""
+    """The node of this operation, or an equal but simpler one."""
     values = [graph.values.get(a) for a in arguments]
     if None not in values:
         if name in NUMERIC:

@@ -1,7 +1,7 @@
-"""A component that is not a number yet: NumPy's functions of it become nodes of a graph.
+"""A component whose number is not known yet: NumPy's functions of it become nodes of a graph.
 
-NumPy hands its functions over to their arguments (``__array_ufunc__``, ``__array_function__``), so a model is called as
-it stands. What cannot be said without the number itself is refused.
+NumPy passes its functions to their arguments (``__array_ufunc__``, ``__array_function__``), so a model is called
+unchanged. An operation that needs the number itself is refused.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,11 +16,11 @@ _MOST_NODES = 40_000
 
 
 class UntraceableError(Exception):
-    """A model cannot be traced; why."""
+    """A model cannot be traced, and why."""
 
 
 class Expressions(Graph):
-    """A graph that remembers what was refused, should the model go on all the same, and that does not grow for ever."""
+    """A graph that remembers refusals, in case the model continues regardless, and that cannot grow forever."""
 
     refusal: str | None = None
 
@@ -30,7 +30,7 @@ class Expressions(Graph):
         return super().node(operation, *arguments)
 
     def refuse(self, why: str) -> UntraceableError:
-        """What is to be raised."""
+        """The error to raise."""
         self.refusal = self.refusal or why
         return UntraceableError(why)
 
@@ -39,7 +39,7 @@ Operator = Callable[["Symbol", Any], Any]
 
 
 def _binary(name: str, turned: bool = False) -> Operator:
-    """An operator of a component and anything; turned, the other comes first."""
+    """An operator between a component and anything; reversed if turned."""
 
     def operator(one: "Symbol", other: Any) -> Any:
         if type(other) is Symbols:
@@ -69,7 +69,7 @@ def _three(name: str) -> tuple[Operator, Operator, Operator]:
 
 
 class Symbol:
-    """A number (or truth) of each run, known only later. What works in place changes it, as it would an array."""
+    """A number (or truth value) of each run, known only later. In-place operations change it, like an array."""
 
     __slots__ = ("graph", "number")
     shape: tuple[int, ...] = ()
@@ -120,11 +120,11 @@ class Symbol:
         raise self.graph.refuse("it looks a component up")
 
     def copy(self) -> "Symbol":
-        """Another of the same value."""
+        """A copy with the same value."""
         return Symbol(self.graph, self.number)
 
     def clip(self, *given: Any, **options: Any) -> Any:
-        """As NumPy's."""
+        """Like NumPy's."""
         from estlab.compiled.arrays import called
 
         return called(self.graph, np.clip, (self, *given), options)
@@ -135,7 +135,7 @@ class Symbol:
 
 
 class Symbols(np.ndarray[Any, np.dtype[Any]]):
-    """An array of components: NumPy's functions go by its entries."""
+    """An array of components: NumPy's functions apply to its entries."""
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *given: Any, **options: Any) -> Any:
         return applied(_graph(given, options), ufunc, method, given, options)
@@ -169,7 +169,7 @@ def applied(graph: Expressions, ufunc: np.ufunc, method: str, given: Any, option
 
 
 def _usual(key: str, value: Any) -> bool:
-    """Whether an option says nothing."""
+    """Whether an option has its default."""
     return (
         value is None
         or (key == "where" and value is True)
@@ -189,7 +189,7 @@ def made(graph: Expressions, name: str, given: tuple[Any, ...]) -> Any:
 
 
 def node(graph: Expressions, part: Any) -> int:
-    """The number of a component or of a constant."""
+    """The node number of a component or of a constant."""
     if type(part) is Symbol:
         if part.graph is not graph:
             raise graph.refuse("it keeps a component from another call")
@@ -213,7 +213,7 @@ def each(graph: Expressions, function: Callable[..., Any], given: Sequence[Any])
 
 
 def boxed(part: Any) -> Any:
-    """A component as an array of none axes, so that NumPy takes it for one; lists and tuples likewise."""
+    """A component as an array without axes, so that NumPy treats it as one; lists and tuples likewise."""
     if type(part) is Symbol:
         box = np.empty((), object)
         box[()] = part
@@ -238,7 +238,7 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _reduced(graph: Expressions, ufunc: np.ufunc, array: Any, axis: Any, keepdims: bool) -> Any:
-    """Entries put together one after another; truths that are added are counted."""
+    """Entries combined one after another; truth values that are added are counted."""
     entries = np.asarray(boxed(array))
     if axis is None:
         entries, axis = entries.reshape(-1), 0
@@ -256,14 +256,14 @@ def _reduced(graph: Expressions, ufunc: np.ufunc, array: Any, axis: Any, keepdim
 
 
 def _put(out: Any, found: Any) -> Any:
-    """What was found, also in the place that it was wanted in."""
+    """The result, stored in the requested output as well."""
     place = out[0] if isinstance(out, tuple) else out
     if place is None:
         return found
     if type(place) is Symbol:
         place.number = found.number
         return place
-    place[...] = found  # an array of plain numbers takes no component: it is asked for its number, and refuses
+    place[...] = found  # an array of plain numbers cannot hold a component: it asks for its number, which is refused
     return place
 
 

@@ -1,4 +1,4 @@
-"""A model called once with components that are not numbers yet; what it answers is a graph."""
+"""Calls a model once with components that have no numbers yet; the result is a graph."""
 
 import os
 import traceback
@@ -25,7 +25,7 @@ class Tracer:
         self.graph = Expressions()
 
     def leaf(self, name: str, index: int = 0, settled: bool = False) -> Symbol:
-        """A component that is given. settled: the same in all runs, and finite."""
+        """An input component. settled: the same in all runs, and finite."""
         return Symbol(self.graph, self.graph.leaf(name, index, settled))
 
     def leaves(self, name: str, size: int, settled: bool = False) -> list[Symbol]:
@@ -37,13 +37,14 @@ class Tracer:
         return Symbol(self.graph, self.graph.constant(float(value)))
 
     def call(self, function: Callable[..., Any], *given: Any, shape: tuple[int, ...]) -> Any:
-        """What a model answers, as nested lists of components of this shape; None in a shape is any length.
+        """A model's result, as nested lists of components of this shape; None in a shape is any length.
 
-        given: numbers, components, or sequences of them, which the model meets as arrays. Constants that are zero come
-        back as Python's 0.0. Raises UntraceableError, naming function, file and line, if it cannot be traced.
+        given: numbers, components, or sequences of them, which the model receives as arrays. Constants that are zero
+        come back as Python's 0.0. Raises UntraceableError that names function, file and line, if the model cannot be
+        traced.
         """
         answers = []
-        # Twice, since a model that draws or counts would answer with a constant that is another the next time.
+        # Twice, because a model that draws or counts returns another constant the next time.
         for _ in range(2):
             arguments = [self._fresh(part) for part in given]
             try:
@@ -65,7 +66,7 @@ class Tracer:
         return refusal
 
     def _fresh(self, part: Any) -> Any:
-        """So that a model that works in place changes nothing but its own."""
+        """Copies, so that a model that works in place changes only its own arrays."""
         if isinstance(part, Symbol):
             return part.copy()
         if isinstance(part, list):
@@ -116,7 +117,7 @@ def _line(function: Callable[..., Any], error: Exception, refusal: str | None) -
 
 
 def _innermost(trace: TracebackType | None) -> traceback.FrameSummary | None:
-    """The last line that is neither ours nor NumPy's."""
+    """The last line that belongs neither to us nor to NumPy."""
     frames = [
         frame
         for frame in traceback.extract_tb(trace)
@@ -126,7 +127,7 @@ def _innermost(trace: TracebackType | None) -> traceback.FrameSummary | None:
 
 
 def _short(path: str) -> str:
-    """A path from here, if it is below."""
+    """A path relative to the current folder, if it is below it."""
     relative = os.path.relpath(path)
     return path if relative.startswith("..") else relative
 

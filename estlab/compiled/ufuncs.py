@@ -1,6 +1,6 @@
-"""NumPy's functions of numbers as nodes of a graph, by their names there.
+"""NumPy's functions of numbers as nodes of a graph, by their NumPy names.
 
-Each takes numbers of nodes and gives one, or a line that says why it cannot.
+Each takes node numbers and returns one, or a line that says why it cannot.
 """
 
 import math
@@ -13,14 +13,14 @@ Known = Callable[..., int | str]
 
 
 def number(graph: Graph, a: int) -> int:
-    """A truth as 1 or 0; a number as it is."""
+    """A truth value as 1 or 0; a number unchanged."""
     if graph.is_boolean(a):
         return operation(graph, "select", a, graph.constant(1.0), graph.constant(0.0))
     return a
 
 
 def truth(graph: Graph, a: int) -> int:
-    """A number as whether it is not zero; a truth as it is."""
+    """Whether a number is not zero; a truth value unchanged."""
     return a if graph.is_boolean(a) else operation(graph, "ne", a, graph.constant(0.0))
 
 
@@ -42,7 +42,7 @@ def _bitwise(name: str) -> Known:
 
 
 def _of_truths(name: str, instead: str) -> Known:
-    """An operation that means something else between truths: what that is; none where that hangs on the place."""
+    """The equivalent of an operation between truth values; none if it depends on the context."""
 
     def known(graph: Graph, a: int, b: int) -> int | str:
         if graph.is_boolean(a) and graph.is_boolean(b):
@@ -53,7 +53,7 @@ def _of_truths(name: str, instead: str) -> Known:
 
 
 def _of_one(name: str) -> Known:
-    """An operation that has no meaning for a truth."""
+    """An operation that has no meaning for a truth value."""
 
     def known(graph: Graph, a: int) -> int | str:
         return f"it takes {name} of a truth" if graph.is_boolean(a) else operation(graph, name, a)
@@ -135,7 +135,7 @@ def _trunc(graph: Graph, a: int) -> int:
 
 
 def _power(graph: Graph, a: int, b: int) -> int | str:
-    """By multiplications and roots for halves of small whole numbers, else exp(b log a) for what is not negative."""
+    """By multiplications and roots for halves of small integers, otherwise exp(b log a) for nonnegative a."""
     a, exponent = number(graph, a), graph.values.get(number(graph, b))
     if exponent is None:
         return "it raises to a power that is no constant: take np.exp"
@@ -241,12 +241,12 @@ UFUNCS: dict[str, Known] = {
     "isnan": _isnan,
     "isfinite": _isfinite,
     "isinf": _isinf,
-    # Not NumPy's names: np.where, and a truth that is added up.
+    # Not NumPy's names: np.where, and a truth value that is added.
     "where": _where,
     "counted": number,
 }
 
-# What NumPy calls as a method of each entry of an array of objects.
+# Methods that NumPy calls on each entry of an array of objects.
 METHODS = frozenset(
     [
         "sqrt",

@@ -1,4 +1,4 @@
-"""The update with a reading: one gain for the family, and its repetition about what it found."""
+"""The update with a reading: one gain for the family, and the iterated update."""
 
 import math
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from estlab.compiled.symbols import Symbol
 
 
 class Reading(NamedTuple):
-    """What was measured (m numbers), what of it is missing, and the landmarks it is about."""
+    """The measured values (m numbers), which are missing, and their landmarks."""
 
     values: Row
     missing: list[Symbol | None]
@@ -43,19 +43,19 @@ class UpdatedBelief(NamedTuple):
 
 
 def reading_of(steps: Steps, routine: Routine) -> Reading:
-    """The reading as it is given: NaN was not measured."""
+    """The reading as it is given; NaN means not measured."""
     sensor, tracer = steps.sensor, routine.tracer
     values = tracer.leaves("value", sensor.space.size)
     landmarks = [
         [tracer.leaf("landmark", k * sensor.coordinates + a) for a in range(sensor.coordinates)]
         for k in range(sensor.count)
     ]
-    missing = [value != value if steps.masked else None for value in values]  # which NaN is
+    missing = [value != value if steps.masked else None for value in values]  # NaN
     return Reading(values, missing, landmarks)
 
 
 def updated(steps: Steps, routine: Routine) -> None:
-    """The belief given the reading, its innovation, and whether it was refused."""
+    """The belief given the reading, its innovation, and whether it was rejected."""
     mean, cov = routine.belief()
     reading = reading_of(steps, routine)
     moments = predicted_reading(steps, routine, mean, cov, reading.landmarks)
@@ -63,7 +63,7 @@ def updated(steps: Steps, routine: Routine) -> None:
     for _ in range(steps.method.iterations - 1):
         found = again(steps, routine, mean, cov, found, reading)
         if first.gated is not None:
-            # What passed the gate once is not asked again.
+            # A reading that passed the gate is not tested again.
             kept = [routine.choose(first.gated, first.mean[i], found.mean[i]) for i in range(steps.n)]
             found = found._replace(mean=kept, cov=chosen(routine, first.gated, first.cov, found.cov))
     routine.keep(found.mean, found.cov)
@@ -78,7 +78,7 @@ def chosen(routine: Routine, condition: Symbol, yes: Matrix, no: Matrix) -> Matr
 def again(
     steps: Steps, routine: Routine, mean: Row, cov: Matrix, found: UpdatedBelief, reading: Reading
 ) -> UpdatedBelief:
-    """The update once more, the sensor linearised where the last one led."""
+    """The update once more, with the sensor relinearised at the last estimate."""
     sensor, tracer = steps.sensor, routine.tracer
     offset = wrapped(sensor.state, [minus(mean[i], found.mean[i]) for i in range(steps.n)])
     jacobian = sensor.jacobian(tracer, found.mean, reading.landmarks)
@@ -92,7 +92,7 @@ def again(
 def condition(
     steps: Steps, routine: Routine, mean: Row, cov: Matrix, moments: TracedMoments, reading: Reading, gate: bool
 ) -> UpdatedBelief:
-    """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. What is missing tells nothing."""
+    """The one gain: see estlab.filters.gaussian.GaussianFilter.condition. Missing values carry no information."""
     sensor, n, m = steps.sensor, steps.n, steps.sensor.space.size
     missing = reading.missing
     innovation = wrapped(sensor.space, [minus(reading.values[a], moments.mean[a]) for a in range(m)])
@@ -119,7 +119,7 @@ def either(a: Symbol | None, b: Symbol | None) -> Symbol | None:
 
 
 def without(routine: Routine, cov: Matrix, missing: list[Symbol | None]) -> Matrix:
-    """A covariance in which what is missing is independent and of unit variance."""
+    """A covariance in which missing values are independent, with unit variance."""
 
     def entry(i: int, j: int) -> Any:
         return unless(missing[i] if i == j else either(missing[i], missing[j]), routine, cov[i][j], float(i == j))
@@ -128,7 +128,7 @@ def without(routine: Routine, cov: Matrix, missing: list[Symbol | None]) -> Matr
 
 
 def refused(steps: Steps, routine: Routine, whitened: Row, missing: list[Symbol | None]) -> Symbol:
-    """Whether the squared length of the innovation lies beyond the gate's quantile for so many numbers."""
+    """Whether the squared length of the innovation exceeds the gate's quantile for so many values."""
     nis = total(entry * entry for entry in whitened)
     limit: Any = math.inf
     if not steps.masked:

@@ -1,1 +1,1 @@
-"""From a composed configuration to objects, and what may be expected of a run."""
+"""Builds objects from a composed configuration, and checks what a run was expected to find."""

@@ -1,7 +1,7 @@
-"""From a composed configuration to objects, strictly: nothing unknown, nothing out of range, nothing imported unasked.
+"""Builds objects from a composed configuration, strictly: nothing unknown, nothing out of range, no unlisted import.
 
 The schema is the code: a node's keys are the parameters of the class or function that its ``_target_`` names, and a
-value's type is the parameter's. Defaults live in conf/ alone.
+value's type is the parameter's. Defaults live only in conf/.
 """
 
 import difflib
@@ -62,7 +62,7 @@ def _plugins(names: Any) -> list[str]:
         raise UserError(f"plugins must be a list of packages, for example plugins=[mine], got {names!r}")
     for name in names:
         if not name.isidentifier() or importlib.util.find_spec(name) is None:
-            raise UserError(f"plugins: there is no package {name!r} where Python looks; add its folder to PYTHONPATH")
+            raise UserError(f"plugins: Python finds no package {name!r}; add its folder to PYTHONPATH")
     return names
 
 
@@ -124,7 +124,7 @@ class _Builder:
         arguments = {key: self.convert(node[key], hints.get(key, Any), _join(path, key)) for key in given}
         if lacking := sorted(getattr(make, "__abstractmethods__", ())):
             name = f"{make.__module__}.{make.__qualname__}"
-            raise UserError(f"{path}: {name} has no {', '.join(lacking)}, which it must define")
+            raise UserError(f"{path}: {name} has no {', '.join(lacking)}; define it")
         try:
             return make(**arguments)
         except (Exception, SystemExit) as error:
@@ -138,7 +138,7 @@ class _Builder:
     def convert(self, value: Any, hint: Any, path: str) -> Any:
         """The value as the type, or a UserError that names the key."""
         if value == "???":
-            raise UserError(f"{path} must be given, for example {path}=...")
+            raise UserError(f"{path} is required, for example {path}=...")
         if hint is Any:
             return value
         if inspect.isclass(generic := typing.get_origin(hint)) and generic.__module__ not in ("builtins", "types"):
@@ -155,7 +155,7 @@ class _Builder:
             if is_dataclass(hint):
                 return self.construct(typing.cast(Callable[..., Any], hint), value, path)
             if inspect.isclass(hint) and hint.__module__ != "builtins":
-                raise UserError(f"{path}._target_ is missing, the class or function that makes it")
+                raise UserError(f"{path}._target_ is missing; name the class or function that makes it")
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin in (Union, types.UnionType):
             if value is None and type(None) in arguments:
@@ -172,7 +172,7 @@ class _Builder:
             return [self.convert(item, arguments[0], f"{path}[{i}]") for i, item in enumerate(value)]
         if origin is dict:
             if not isinstance(value, Mapping):
-                raise UserError(f"{path} must be a group of its own, such as filter=[ekf,ukf] makes, got {value!r}")
+                raise UserError(f"{path} must be a group, as filter=[ekf,ukf] makes, got {value!r}")
             return {key: self.convert(item, arguments[1], _join(path, key)) for key, item in value.items()}
         return _scalar(value, hint, path)
 
@@ -182,7 +182,7 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
     if number and isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{path} must be finite, got {value}")
     if number and abs(value) >= 2**63 and (hint is int or isinstance(value, int)):
-        raise UserError(f"{path} is too large a number; whole numbers end at 9e18")
+        raise UserError(f"{path} is too large; integers end at 9e18")
     if hint is float and number:
         return float(value)
     if hint is int and number and float(value).is_integer():
@@ -191,7 +191,7 @@ def _scalar(value: Any, hint: Any, path: str) -> Any:
         return value
     if hint is str and number:
         return str(value)
-    words = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+    words = {float: "a number", int: "an integer", bool: "true or false", str: "text"}
     raise UserError(f"{path} must be {words.get(hint, 'a group with a _target_')}, got {value!r}")
 
 

@@ -1,4 +1,4 @@
-"""Configurations that an earlier estlab wrote: the keys that it did not have yet take their shipped values."""
+"""Configurations written by an earlier estlab: keys that did not exist yet take their default values."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,10 +12,10 @@ _OF_HYDRA = ("defaults", "hydra")
 
 
 def completed(config: Mapping[str, Any], scenario: str, filter: str) -> tuple[dict[str, Any], list[str]]:
-    """A configuration with the keys that it lacks, and their names.
+    """A configuration completed with the keys that it lacks, and their names.
 
-    scenario, filter: what its scenario and its filter are called in conf/. A part of a problem or filter that is not
-    the shipped one of that name is left as it is.
+    scenario, filter: their names in conf/. A part of a problem or filter that differs from the shipped one of that
+    name is left as it is.
     """
     added: list[str] = []
     shipped = _shipped("config")
@@ -43,12 +43,12 @@ def _filled(node: Any, shipped: Mapping[str, Any], path: str, added: list[str]) 
 
 
 def _is_composed(value: Any) -> bool:
-    """Whether a value is nothing without the rest of the configuration."""
+    """Whether a value has no meaning without the rest of the configuration."""
     return isinstance(value, str) and "${" in value
 
 
 def _shipped(name: str) -> dict[str, Any]:
-    """A file of conf/ as plain data, without what is Hydra's; nothing if there is none."""
+    """A file of conf/ as plain data, without Hydra's keys; empty if there is none."""
     file = conf_folder() / f"{name}.yaml"
     if not file.is_file():
         return {}

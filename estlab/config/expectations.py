@@ -1,11 +1,10 @@
 """What a run is expected to find, and whether it did.
 
-An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and component in either order, and what the
-value that metrics.csv has there may be. Without a filter it holds for each; without a component, for the metric's only
-one or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``, the row by what stands in
-its first column, the column with or without its unit. A value that is not there, or is NaN, meets no expectation.
-
-A value is compared to twelve digits, so that a share of time that is one but for the last bit is one.
+An expectation is a path, ``<metric>[.<filter>][.<component>]`` with filter and component in either order, and the
+allowed values there in metrics.csv. Without a filter it applies to each; without a component, to the metric's only one
+or the one called ``all``. A cell of a problem's own table is ``table.<column>.<row>``: the row by the content of its
+first column, the column with or without its unit. A value that is missing or NaN meets no expectation.
+Values are compared to twelve digits, so a share of time that is one except for the last bit is one.
 """
 
 import math
@@ -18,17 +17,18 @@ from typing import Any
 
 from estlab.config.build import nearest
 from estlab.errors import UserError
+from estlab.metrics.digits import bracket
 from estlab.metrics.verdict import WORDS
 
 _Row = Mapping[str, Any]
 
 VERDICT, TABLE = "verdict", "table"
 
-# These have no row in metrics.csv where nothing was counted.
+# These have no row in metrics.csv if nothing was counted.
 _COUNTED = ("gated", "vanished")
 _ALL = "all"
 _SLACK = 1e-12
-_NAMED = 4  # metrics, where one is named that is like none of them
+_NAMED = 4  # metrics to name if the wrong name resembles none
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a metric may be, of each filter where none is named; or a cell of the problem's own table, by its row."""
+    """The allowed values of a metric, for each filter if none is named; or of a cell of the problem's own table."""
 
     metric: str
     filter: str | None
@@ -78,7 +78,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Finding:
-    """An expectation held against one filter. value: in full, a word for a verdict, and NaN where nothing was found."""
+    """An expectation checked for one filter. value: in full, a word for a verdict, and NaN if nothing was found."""
 
     filter: str
     what: str
@@ -91,14 +91,14 @@ class Finding:
 
     def cells(self) -> tuple[str, ...]:
         """A line of a table: filter, what, expected, found with its interval, ok or FAILED."""
-        interval = f" [{self.low:.3g}, {self.high:.3g}]" if self.low == self.low else ""
-        return self.filter, self.what, self.expected, self.found + interval, "ok" if self.met else "FAILED"
+        outcome = "ok" if self.met else "FAILED"
+        return self.filter, self.what, self.expected, self.found + bracket(self.low, self.high), outcome
 
 
 def parse(expect: Any, filters: Sequence[str]) -> list[Expectation]:
-    """The expectations that an ``expect`` block states, of a run with these filters.
+    """The expectations that an ``expect`` block states, for a run with these filters.
 
-    Raises UserError for one that says nothing that could be checked, and for a filter or a verdict that there is not.
+    Raises UserError for one that cannot be checked, and for an unknown filter or verdict.
     """
     if expect is None:
         return []
@@ -108,7 +108,7 @@ def parse(expect: Any, filters: Sequence[str]) -> list[Expectation]:
 
 
 def of_recording(sets: Any, digests: Sequence[str]) -> Any:
-    """What is expected of a recording, nothing unless a file of it is known.
+    """The expectations for a recording; none unless one of its files is known.
 
     sets: expectations by the first digits of a file's SHA-256. digests: of the files that were read.
     """
@@ -116,14 +116,14 @@ def of_recording(sets: Any, digests: Sequence[str]) -> Any:
 
 
 def over(lower: Any, upper: Any) -> Any:
-    """Two blocks of expectations as one: key by key the upper's, where it has one or says null for none."""
+    """Two blocks of expectations merged: key by key the upper's, if it has one or says null for none."""
     if not (isinstance(upper, Mapping) and isinstance(lower, Mapping)):
         return lower if upper is None else upper
     return {**lower, **{key: value and over(lower.get(key), value) for key, value in upper.items()}}
 
 
 def parse_sets(sets: Any, filters: Sequence[str]) -> None:
-    """Raise UserError for expectations of recordings that say nothing that could be checked."""
+    """Raise UserError for expectations of recordings that cannot be checked."""
     for own in _sets(sets).values():
         parse(own, filters)
 
@@ -133,7 +133,7 @@ def check(
     rows: Mapping[str, Sequence[_Row]],
     table: Mapping[str, Sequence[Any]] | None = None,
 ) -> list[Finding]:
-    """Each expectation against the rows of metrics.csv of each filter that it is for, or against the own table."""
+    """Check each expectation against the rows of metrics.csv of each of its filters, or against the own table."""
     found = []
     for e in expected:
         names = [""] if e.metric == TABLE else [e.filter] if e.filter else rows
@@ -142,7 +142,7 @@ def check(
 
 
 def unmet(findings: Sequence[Finding]) -> str:
-    """One line that names what was not as expected; empty where all was."""
+    """One line that names the expectations not met; empty if all were."""
     failed = [finding for finding in findings if not finding.met]
     if not failed:
         return ""
@@ -157,7 +157,7 @@ def unmet(findings: Sequence[Finding]) -> str:
 
 
 def columns(findings: Sequence[Finding]) -> dict[str, list[Any]]:
-    """The columns of expectations.csv; found is in full, a word for a verdict, and why there is none where none is."""
+    """The columns of expectations.csv. found is in full, a word for a verdict, and the reason if nothing was found."""
     return {
         "filter": [f.filter for f in findings],
         "expectation": [f.what for f in findings],
@@ -184,7 +184,7 @@ def _counted(count: int) -> str:
 
 
 def _leaves(node: Mapping[Any, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """What the block states, by path; null states nothing."""
+    """The block's statements, by path; null states nothing."""
     for key, value in node.items():
         here = (*path, str(key))
         bounds = isinstance(value, Mapping) and bool({"min", "max"} & set(value))
@@ -210,7 +210,7 @@ def _expectation(path: tuple[str, ...], leaf: Any, filters: Sequence[str]) -> Ex
         near = next((near for name in names if (near := nearest(name, [*filters, "min", "max"]))), "")
         if whose is None:
             raise UserError(f"{key}: there is no filter {' or '.join(names)} here{near} (one of {', '.join(filters)})")
-        raise UserError(f"{key}: {names[-1]} is a name too many{near}; write metric, filter and component")
+        raise UserError(f"{key}: {names[-1]} is one name too many{near}; write metric, filter and component")
     allowed = _words(leaf, key) if metric == VERDICT else _bounds(leaf, key)
     return Expectation(metric, whose, names[0] if names else None, allowed)
 
@@ -227,7 +227,7 @@ def _bounds(leaf: Any, key: str) -> Bounds:
     if isinstance(leaf, Mapping):
         for name in leaf:
             if name not in ("min", "max"):
-                raise UserError(f"{key} takes min and max and nothing beside them, got {name}")
+                raise UserError(f"{key} takes only min and max, got {name}")
         low, high = leaf.get("min"), leaf.get("max")
     elif isinstance(leaf, list):
         low, high = leaf if len(leaf) == 2 else (leaf, leaf)
@@ -239,12 +239,12 @@ def _bounds(leaf: Any, key: str) -> Bounds:
             raise UserError(f"{key} must be [low, high], min and max, or a number, got {leaf!r}")
     bounds = Bounds(-math.inf if low is None else float(low), math.inf if high is None else float(high))
     if bounds.low > bounds.high:
-        raise UserError(f"{key} must have its low bound first, got {leaf!r}")
+        raise UserError(f"{key}: write the lower bound first, got {leaf!r}")
     return bounds
 
 
 def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[_Row]]) -> Finding:
-    """The expectation against the rows of one filter."""
+    """Check the expectation against the rows of one filter."""
     what, allowed = expectation.what, expectation.allowed
     found = {row["component"]: row for row in rows[name] if row["metric"] == expectation.metric}
     if isinstance(allowed, Words) and found:
@@ -261,7 +261,7 @@ def _find(expectation: Expectation, name: str, rows: Mapping[str, Sequence[_Row]
 
 
 def _cell(expectation: Expectation, table: Mapping[str, Sequence[Any]]) -> Finding:
-    """The expectation against a cell of the problem's own table."""
+    """Check the expectation against a cell of the problem's own table."""
     what, allowed = expectation.what, expectation.allowed
     columns_of = {name.partition(" [")[0]: name for name in table} | {name: name for name in table}
     column = columns_of.get(str(expectation.component))
@@ -275,14 +275,14 @@ def _cell(expectation: Expectation, table: Mapping[str, Sequence[Any]]) -> Findi
 
 
 def _remedy(expectation: Expectation, name: str, found: Mapping[str, _Row], rows: Mapping[str, Sequence[_Row]]) -> str:
-    """What to write instead of a metric or a component that a filter does not have."""
+    """The nearest metric or component that exists, as a remedy."""
     if found:
         if expectation.component is None:
             return f"name one of {', '.join(found)}"
         return _near(expectation.component, [*found, *rows]) or f"there are {', '.join(found)}"
     having = [other for other in rows if any(row["metric"] == expectation.metric for row in rows[other])]
     if having:
-        return f"{name} has none; name {' or '.join(having)}"
+        return f"{name} has no such metric; name {' or '.join(having)}"
     metrics = list(dict.fromkeys(row["metric"] for row in rows[name]))
     more = f" and {len(metrics) - _NAMED} more in metrics.csv" if len(metrics) > _NAMED else ""
     return _near(expectation.metric, metrics) or f"there are {', '.join(metrics[:_NAMED])}{more}"
@@ -293,7 +293,7 @@ def _near(name: str, known: Sequence[str]) -> str:
 
 
 def _shown(value: float, bounds: Bounds) -> str:
-    """As few digits as are true: what lies just outside the bounds is not rounded onto them."""
+    """As few digits as are true: a value just outside the bounds is not rounded onto them."""
     if value.is_integer() and abs(value) < 1e9:
         return f"{value:.0f}"
     texts = (f"{value:.{digits}g}" for digits in range(3, 18))

@@ -1,4 +1,4 @@
-"""Groups of keys that no class of the laboratory's own has: noise, data, sweep."""
+"""Groups of keys without a class of their own: noise, data, sweep."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +9,7 @@ from estlab.scenarios.scenario import Scales, check_positive
 
 @dataclass(frozen=True)
 class Noise:
-    """What the filter assumes and what the truth has, apart."""
+    """The noise that the filter assumes and the noise of the truth, separately."""
 
     filter: Scales
     truth: Scales
@@ -17,7 +17,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Data:
-    """Where truth and readings come from: made here, or read from files."""
+    """Where truth and readings come from: simulated here, or read from files."""
 
     source: Literal["simulated", "files"]
     path: str | None
@@ -32,18 +32,18 @@ class Data:
         check_positive(clock_gap=self.clock_gap)
         if "/" in self.prefix:
             raise ValueError(
-                f"prefix is what the files' names begin with, got {self.prefix!r}; folders go to data.path"
+                f"prefix must be the beginning of the files' names, got {self.prefix!r}; put folders into data.path"
             )
 
     @property
     def options(self) -> Options:
-        """How recordings are read."""
+        """How to read recordings."""
         return Options(self.files, self.clock_faults, self.clock_gap)
 
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How the jobs of a sweep are made and run."""
+    """How to make and run the jobs of a sweep."""
 
     dir: str
     zip: list[str]

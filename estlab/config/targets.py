@@ -1,4 +1,4 @@
-"""What a ``_target_`` names: its package before anything is imported, and where it is defined before it is called."""
+"""Checks a ``_target_``: its package before anything is imported, and where it is defined before it is called."""
 
 import importlib
 import inspect
@@ -29,9 +29,9 @@ def _check_name(name: Any, path: str, allowed: tuple[str, ...]) -> None:
 
 
 def located(name: str, path: str, allowed: tuple[str, ...]) -> Any:
-    """The class or function of this name and defined in an allowed package.
+    """The class or function of this name, defined in an allowed package.
 
-    Raises UserError for what is not there or defined elsewhere, which a module that imports it would hand out too.
+    Raises UserError if it does not exist or is defined elsewhere, even if an allowed module imports it.
     """
     _check_name(name, path, allowed)
     found = _imported(name, path, allowed)
@@ -55,7 +55,7 @@ def _imported(name: str, path: str, allowed: tuple[str, ...]) -> Any:
 
 
 def resolved(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Callable[..., Any]:
-    """The class of this kind, or the function that returns one, of this name and defined in an allowed package."""
+    """The class of this kind, or the function that returns one, of this name, defined in an allowed package."""
     made = _product(_imported(name, path, allowed))
     if not (inspect.isclass(made) and inspect.isclass(kind) and issubclass(made, kind)):
         raise UserError(f"{path} {name} does not make a {getattr(kind, '__name__', kind)}")
@@ -63,7 +63,7 @@ def resolved(name: str, kind: Any, path: str, allowed: tuple[str, ...]) -> Calla
 
 
 def _product(found: Any) -> Any:
-    """What calling this makes, by its own word; None if it says nothing."""
+    """What calling this returns, by its annotation; None if it has none."""
     if inspect.isclass(found):
         return found
     try:

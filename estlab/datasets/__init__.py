@@ -1,1 +1,1 @@
-"""Readers and writers of file formats. A file that is not what it should be gets one line that says where and why."""
+"""Readers and writers of file formats. An invalid file gets one line that says what is wrong and where."""

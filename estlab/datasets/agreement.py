@@ -1,4 +1,4 @@
-"""Whether files of one recording are about the same time, in the same units: each is held to the truth."""
+"""Checks that the files of one recording share clock and units, by comparing each with the truth."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from estlab.datasets.truth import first_of_each
 from estlab.maths.space import Array, Space, wrap
 
 _WINDOW = 1.0  # [s] over which turns are compared
-_LEAST = 20  # readings or windows that can tell
-_FEW = 5  # readings of one landmark that can tell
-_WORSE = 5.0  # times what all readings are off: more than landmarks differ
-_LIKE_CHANCE = 0.5  # ranges this bad, as a share of what they are against the truth of another time
+_LEAST = 20  # readings or windows that are enough to judge
+_FEW = 5  # readings of one landmark that are enough to judge
+_WORSE = 5.0  # times the error of all readings: more than landmarks differ
+_LIKE_CHANCE = 0.5  # ranges this bad, as a share of their error against the truth of another time
 _UNRELATED = 0.3  # correlation of turns
 _APART = 2.0  # times the truth's distances, or one part in so many
 
@@ -18,9 +18,9 @@ DISTANCE, ANGLE = Space(("distance",), ("m",)), Space(("angle",), ("rad",), angl
 
 
 def of_readings(kind: str, readings: Array, expected: Array, what: str, space: Space = DISTANCE) -> tuple[str, ...]:
-    """A remark if readings (N,) fit those expected of the truth as badly as at other times; NaN where it is not known.
+    """A remark if readings (N,) fit the truth no better than at other times.
 
-    kind: of the readings, in the plural.
+    Expected readings are NaN where the truth is unknown. kind: what the readings are, in the plural.
     """
     known = np.flatnonzero(np.isfinite(expected) & np.isfinite(readings))
     if known.size < _LEAST:
@@ -33,13 +33,13 @@ def of_readings(kind: str, readings: Array, expected: Array, what: str, space: S
     if off <= _LIKE_CHANCE * chance:
         return ()
     return (
-        f"{what}: half of the {kind} are off the truth's by more than {off:.3g} {space.units[0]}, hardly better than "
+        f"{what}: half of the {kind} differ from the truth by more than {off:.3g} {space.units[0]}, hardly better than "
         "those of another time; do clocks, barcodes and units agree?",
     )
 
 
 def of_each(ranges: Array, expected: Array, codes: Array, what: str) -> tuple[str, ...]:
-    """A remark about barcodes (N,), each there a few times, whose ranges (N,) fit the truth far worse than the rest."""
+    """A remark about barcodes (N,), each with a few readings, whose ranges (N,) fit far worse than the rest."""
     known = np.flatnonzero(np.isfinite(expected))
     if known.size < _LEAST:
         return ()
@@ -52,15 +52,15 @@ def of_each(ranges: Array, expected: Array, codes: Array, what: str) -> tuple[st
         return ()
     plural = "s" * (len(wrong) > 1)
     return (
-        f"{what}: half of the ranges to barcode{plural} {', '.join(f'{c:g}' for c in wrong)} are off the truth's by "
-        f"more than {limit:.3g} m; are barcodes exchanged, or landmarks?",
+        f"{what}: half of the ranges to barcode{plural} {', '.join(f'{c:g}' for c in wrong)} differ from "
+        f"the truth by more than {limit:.3g} m; are barcodes or landmarks exchanged?",
     )
 
 
 def of_lengths(commanded: Array, x: Array, y: Array, heading: Array, what: str) -> tuple[str, ...]:
-    """A remark if commanded distances (N - 1,) are not about those that the truth (N,) went forward.
+    """A remark if commanded distances (N - 1,) differ much from the distances that the truth (N,) moved forward.
 
-    heading: in which it went from there on. NaN where not known.
+    heading: of each interval; NaN where unknown.
     """
     forward = np.diff(x) * np.cos(heading[:-1]) + np.diff(y) * np.sin(heading[:-1])
     known = np.isfinite(forward) & np.isfinite(commanded)
@@ -71,13 +71,13 @@ def of_lengths(commanded: Array, x: Array, y: Array, heading: Array, what: str) 
     slope = float((went / scale * ordered).sum() / ((went / scale) ** 2).sum() / scale)
     if 1.0 / _APART <= slope <= _APART:
         return ()
-    return (f"{what}: distances commanded are {slope:.2g} times those of the truth; do units and clocks agree?",)
+    return (f"{what}: commanded distances are {slope:.2g} times those of the truth; do units and clocks agree?",)
 
 
 def of_turns(time: Array, rate: Array, heading: Array, what: str) -> tuple[str, ...]:
-    """A remark if commanded turns have nothing to do with the truth's.
+    """A remark if commanded turns are unrelated to those of the truth.
 
-    time: (N,); rate: (N,) [rad/s], each held until the next time; heading: (N,) of the truth, NaN where not known.
+    time: (N,); rate: (N,) [rad/s], each held until the next time; heading: (N,) of the truth, NaN where unknown.
     Raises UserError if the rates are in degrees.
     """
     commanded = np.append(0.0, np.cumsum(rate[:-1] * np.diff(time)))
@@ -91,4 +91,4 @@ def of_turns(time: Array, rate: Array, heading: Array, what: str) -> tuple[str, 
     check_turns("the turn rate", ordered, turned, what)
     if float(np.corrcoef(ordered, turned)[0, 1]) >= _UNRELATED:
         return ()
-    return (f"{what}: the turns commanded have little to do with those of the truth; do their clocks agree?",)
+    return (f"{what}: commanded turns are nearly unrelated to those of the truth; do the clocks agree?",)

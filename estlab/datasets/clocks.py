@@ -1,4 +1,4 @@
-"""Times as they were recorded: out of order, apart from each other, or with a hole in them."""
+"""Recorded times: out of order, offset from each other, or with gaps."""
 
 from bisect import bisect_right
 from collections.abc import Callable
@@ -9,17 +9,17 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 _MUCH_LONGER = 10.0  # times the median step
-_SLOWEST = 1000.0  # [s] a step of any robot here
+_SLOWEST = 1000.0  # [s] longest step of any robot here
 
 
 def in_order(
     time: Array, place: Callable[[int], str], share: float, repeats: bool = False
 ) -> tuple[Array, tuple[str, ...]]:
-    """Which rows (N,) to keep so that times ascend, and what to say of the others.
+    """The rows (N,) to keep so that times ascend, and a remark about the others.
 
-    Of rows with one time the last counts, unless ``repeats`` are as they should be; the fewest rows whose removal
-    leaves no step back are left out. place: where a row is.
-    Raises UserError if those are more than a share of all, or times cannot be seconds.
+    Of rows with the same time the last is kept, unless ``repeats`` allows them. The smallest set of rows whose
+    removal makes times ascend is left out. place: describes where a row is.
+    Raises UserError if too large a share would be left out, or if times cannot be in seconds.
     """
     kept = np.arange(time.size) if (np.diff(time) >= 0.0).all() else _longest_ascent(time)
     back = time.size - kept.size
@@ -35,26 +35,26 @@ def in_order(
     fault = "goes back" if steps[first - 1] < 0.0 else "repeats the one before"
     if back + repeated > share * time.size:
         raise UserError(
-            f"{place(first)}: time {time[first]:.3f} {fault}, as others do: {back + repeated} of {time.size} would be "
-            "left out; sort by time, or raise data.clock_faults"
+            f"{place(first)}: time {time[first]:.3f} {fault}; {back + repeated} of {time.size} rows have "
+            "such times and would be left out; sort by time, or raise data.clock_faults"
         )
-    counts = [f"{repeated} left out for a later one with the same time"] * bool(repeated)
-    counts += [f"{back} left out that would step back"] * bool(back)
+    counts = [f"{repeated} left out because a later one has the same time"] * bool(repeated)
+    counts += [f"{back} left out because they step back"] * bool(back)
     return kept, (f"{place(first)}: time {fault}; of {time.size} rows {' and '.join(counts)}",)
 
 
 def one_remark(notes: tuple[str, ...]) -> tuple[str, ...]:
-    """What was said of several files, as one remark or none."""
+    """The remarks about several files as one remark, or None."""
     return ("; ".join(notes),) if notes else ()
 
 
 def covered(reading: Array, command: Array, gap: float) -> Array:
-    """(N,) true for readings from the first command until a gap [s] after the last; times ascend."""
+    """(N,) true for readings from the first command until a gap [s] after the last. Times ascend."""
     return np.asarray((reading >= command[0]) & (reading <= command[-1] + gap))
 
 
 def long_steps(time: Array, gap: float = 0.0) -> tuple[str, ...]:
-    """A remark where steps between times (N,) are far longer than most, and than a gap [s]."""
+    """A remark if steps between times (N,) are far longer than most, and longer than a gap [s]."""
     lapse = np.diff(time)
     if not lapse.size:
         return ()
@@ -70,7 +70,7 @@ def long_steps(time: Array, gap: float = 0.0) -> tuple[str, ...]:
 
 def _longest_ascent(time: Array) -> Array:
     """The indices of a longest subsequence that never descends. Schensted 1961."""
-    ends: list[float] = []  # of the best subsequence of each length, its last time
+    ends: list[float] = []  # the last time of the best subsequence of each length
     where: list[int] = []
     before = np.full(time.size, -1)
     for i, t in enumerate(time.tolist()):

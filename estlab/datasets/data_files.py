@@ -1,4 +1,4 @@
-"""Where the files of a recording are, and their opening: regular files of bounded size, found by name."""
+"""Finds the files of a recording by name and opens them: regular files of bounded size."""
 
 import difflib
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from estlab.errors import UserError
 
-MOST = 256 * 2**20  # bytes of a file, and of what is unpacked from it
+MOST = 256 * 2**20  # bytes of a file, and of its unpacked content
 
 _KINDS = (
     (stat.S_ISDIR, "Is a directory"),
@@ -22,10 +22,10 @@ _KINDS = (
 
 @dataclass(frozen=True)
 class Options:
-    """How recordings are read.
+    """How to read recordings.
 
-    names: of files by their kind in the layout, where they are not the layout's own. clock_faults: the share of rows
-    whose time repeats or steps back that may be left out. clock_gap: how long a command is held [s].
+    names: file names by kind, where they differ from the layout's. clock_faults: the largest share of rows with
+    repeated or backward times that may be left out. clock_gap: how long a command is held [s].
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -40,8 +40,8 @@ DEFAULTS = Options()
 class Files:
     """The files of one recording.
 
-    folder: that holds them, or the first file itself where the others may be missing. prefix: what their names begin
-    with. layout: the names of each kind of file, the original's first. names: other names, by kind.
+    folder: that holds them, or the first file itself if the others may be missing. prefix: of their names. layout:
+    the names of each kind of file, the original's first. names: other names, by kind.
     """
 
     folder: Path
@@ -52,19 +52,19 @@ class Files:
     def path(self, kind: str, shared: bool = False) -> Path:
         """The file of this kind. shared: it may lack the prefix.
 
-        Raises UserError, naming the file, what lies there instead, and the remedy.
+        Raises UserError that names the file, similar files that exist, and the remedy.
         """
         found = self.find(kind, shared)
         if found is None:
             remedy = self.hint(kind) or (
-                "data.path must be the folder that holds it, data.prefix what its name begins with, "
+                "data.path must be the folder that holds it, data.prefix the beginning of its name, "
                 f"or data.files.{kind} its name"
             )
             raise UserError(f"{self._home / self._wanted(kind, shared)[0]}: no such file; {remedy}")
         return found
 
     def alone(self, kind: str) -> None:
-        """Raise UserError if data.path is a file and this kind, which is needed too, is not named."""
+        """Raise UserError if data.path is a file and this kind, which is also required, is not named."""
         if self._is_file and kind not in self.names:
             first, *_ = self.layout
             raise UserError(
@@ -73,10 +73,10 @@ class Files:
             )
 
     def find(self, kind: str, shared: bool = False) -> Path | None:
-        """The file of this kind, in whatever case its name is written; None if there is none.
+        """The file of this kind, in upper or lower case; None if there is none.
 
-        Raises UserError for a folder that cannot be listed, two names that differ in case alone, and a file that
-        is named and not there.
+        Raises UserError for a folder that cannot be listed, for two names that differ only in case, and for a named
+        file that does not exist.
         """
         if kind in self.names:
             named = self._home / Path(self.names[kind]).expanduser()
@@ -92,13 +92,13 @@ class Files:
                 return self._home / (name if name in alike else alike[0])
             if alike:
                 raise UserError(
-                    f"{self._home / name}: {' and '.join(alike)} differ in case alone; "
-                    f"choose by data.files.{kind}={alike[0]}"
+                    f"{self._home / name}: {' and '.join(alike)} differ only in case; choose one with "
+                    f"data.files.{kind}={alike[0]}"
                 )
         return None
 
     def hint(self, kind: str) -> str:
-        """What lies there that is like a file of this kind, and how to take it; or nothing."""
+        """Files that resemble this kind, and how to select them; or nothing."""
         endings = [name.casefold() for name in self.layout[kind]]
         free = self._free(kind)
         starts = sorted({n[: -len(e)] for n in free for e in endings if n.casefold().endswith(e)} - {""})
@@ -107,7 +107,7 @@ class Files:
         return self._near(self._wanted(kind, shared=True), free, kind).removeprefix("; ")
 
     def lacks(self, kind: str) -> str:
-        """What is said of a recording that does without the file of this kind."""
+        """The remark for a recording without the file of this kind."""
         hint = self.hint(kind)
         return f"no {self._wanted(kind, shared=False)[0]} in {self._home}" + (f"; {hint}" if hint else "")
 
@@ -131,7 +131,7 @@ class Files:
             raise UserError(f"data.path: {self._home} cannot be read ({error.strerror})") from error
 
     def _free(self, kind: str) -> list[str]:
-        """What is there and is no other kind's: the longest ending tells whose it is."""
+        """Files that belong to no other kind; the longest matching ending decides the kind."""
         endings = sorted(
             ((n.casefold(), k) for k, names in self.layout.items() for n in names), key=lambda e: -len(e[0])
         )
@@ -145,14 +145,14 @@ class Files:
             close = difflib.get_close_matches(Path(name).stem.casefold(), list(by_stem), n=1, cutoff=0.7)
             if close:
                 there = by_stem[close[0]]
-                return f"; there is {there}" + (f": take it by data.files.{kind}={there}" if kind else "")
+                return f"; there is {there}" + (f": select it with data.files.{kind}={there}" if kind else "")
         return ""
 
 
 def read_bytes(path: Path) -> bytes:
-    """What is in a regular file of bounded size.
+    """The content of a regular file of bounded size.
 
-    Raises UserError for anything else; a pipe without a writer is not waited for.
+    Raises UserError for anything else. A pipe without a writer does not block.
     """
     try:
         mode = path.stat().st_mode
@@ -169,6 +169,6 @@ def read_bytes(path: Path) -> bytes:
 
 
 def check_size(path: Path, size: int, what: str = "") -> None:
-    """Raise UserError for more bytes than a recording may have."""
+    """Raise UserError if a recording has more bytes than allowed."""
     if size > MOST:
         raise UserError(f"{path}: {what}{size / 1e9:.3g} GB; at most {MOST / 1e9:.2g} GB are read")

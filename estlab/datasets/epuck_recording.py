@@ -1,4 +1,4 @@
-"""The files of the robot on video: its positions and, for comparison, its heading angle alpha. Seed document 004.
+"""The files of the robot on video: positions and, for comparison, the heading angle alpha. Seed document 004.
 
 Rows are frames, so NaN stands for what the camera missed.
 """
@@ -19,7 +19,7 @@ from estlab.maths.space import Array
 LAYOUT = {"positions": ("XYData_cm.csv",), "headings": ("HeadingAngle_rad.csv",)}
 _POSITION = (Column("x", missing=True), Column("y", missing=True))
 _HEADING = (Column("alpha", missing=True),)
-_LEAST = 3  # frames: two make the initial estimate, and one more is something to filter
+_LEAST = 3  # frames: two for the initial estimate, and one to filter
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class EpuckRecording:
 
 
 def read(files: Files) -> EpuckRecording:
-    """Read positions and, if there is such a file, headings, from the first two neighbouring frames with a fix on.
+    """Read positions and, if the file exists, headings, starting from the first two consecutive frames with a fix.
 
-    Raises UserError, naming file and line, where one is missing or not as the layout says.
+    Raises UserError that names file and line if a file is missing or does not follow the layout.
     """
     positions, headings = files.path("positions"), files.find("headings")
     fixes = read_table(positions, _POSITION, ",", timed=False).T
@@ -48,22 +48,23 @@ def read(files: Files) -> EpuckRecording:
         alpha = read_table(headings, _HEADING, ",", timed=False)[:, 0]
         if fixes.shape[1] != alpha.size:
             raise UserError(
-                f"{headings}: {alpha.size} rows for the {fixes.shape[1]} of {positions.name}; one row a frame in "
-                "each, nan where nothing was measured"
+                f"{headings}: {alpha.size} rows for the {fixes.shape[1]} of {positions.name}; each needs one row "
+                "per frame, with nan where nothing was measured"
             )
         check_headings(alpha, fixes[0], fixes[1], partial(place, headings, blank=True))
     seen = np.asarray(np.isfinite(fixes).all(axis=0))
     pairs = np.flatnonzero(seen[1:] & seen[:-1])
     if not pairs.size or fixes.shape[1] - pairs[0] < _LEAST:
-        left = f"; no two neighbours of the first {seen.size - 1} have a fix" if seen.size >= _LEAST else ""
+        left = f"; no two consecutive frames of the first {seen.size - 1} have a fix" if seen.size >= _LEAST else ""
         raise UserError(
-            f"{positions}: {seen.size} rows{left}; at least {_LEAST} are needed, two with a fix for the start, one more"
+            f"{positions}: {seen.size} rows{left}; at least {_LEAST} are needed: two with a fix for the "
+            "start, and one more"
         )
     first = int(pairs[0])
     remarks = (
         *_missing(positions, ~seen[first:], first, "fix"),
         *(
-            [f"the first {first} of {seen.size} frames are left out: two fixes in a row make the start"]
+            [f"the first {first} of {seen.size} frames are left out: the start needs two consecutive fixes"]
             if first
             else []
         ),
@@ -75,7 +76,7 @@ def read(files: Files) -> EpuckRecording:
 
 
 def write(recording: EpuckRecording, folder: Path, prefix: str) -> list[Path]:
-    """Write both files, without a header as the originals; the files written."""
+    """Write both files, without a header like the originals. Returns the files written."""
     tables = {LAYOUT["positions"][0]: recording.fixes.T, LAYOUT["headings"][0]: recording.alpha[:, None]}
     return [
         write_text(folder / f"{prefix}{name}", format_table((), np.asarray(rows), ",")) for name, rows in tables.items()
@@ -83,10 +84,10 @@ def write(recording: EpuckRecording, folder: Path, prefix: str) -> list[Path]:
 
 
 def _missing(path: Path, missing: Array, first: int, what: str) -> tuple[str, ...]:
-    """A remark about the frames (N,) without something, the first of which has the number ``first`` in the file."""
+    """A remark about the frames (N,) without a value; ``first`` is the number of the first frame in the file."""
     if not missing.any():
         return ()
     where = place(path, first + int(missing.argmax()), blank=what == "alpha")
     return (
-        f"{where}: no {what} in {int(missing.sum())} of {missing.size} frames, this the first; taken as not measured",
+        f"{where}: no {what} in {int(missing.sum())} of {missing.size} frames, this is the first; treated as missing",
     )

@@ -1,6 +1,6 @@
 """The layout of evaluation-input.npy: one robot's commands, path and bearings, as named arrays in one archive.
 
-It is what numpy.savez writes, under a name that ends in .npy.
+The archive is written by numpy.savez, under a name that ends in .npy.
 """
 
 import io
@@ -23,7 +23,7 @@ LAYOUT = {"data": ("evaluation-input.npy", "evaluation-input.npz")}
 _MOTION = (Column("rot1", angle=True), Column("trans"), Column("rot2", angle=True))
 _READING = (Column("bearing", angle=True, missing=True), Column("landmark", missing=True))
 _POSE = tuple(Column(name, missing=True) for name in ("x", "y", "heading"))
-# What each row of an array has; every array has a row a step. NaN is what was not measured, or is not known.
+# The columns of each array; every array has one row per step. NaN means not measured, or unknown.
 _ARRAYS = {
     "noise_free_motion": _MOTION,
     "real_observations": _READING,
@@ -39,9 +39,9 @@ _NEEDED = (_STEPS, "noise_free_motion", "real_observations")
 class Evaluation:
     """One robot's steps.
 
-    motion: (T, 3) commanded rot1 [rad], trans [cm], rot2 [rad]. path, exact_path: (T, 3) x, y [cm], heading [rad] after
-    each step, as driven and as commanded. readings, exact_readings: (T, 2) bearing [rad] from the driven path, with and
-    without noise, and the landmark's number from 0.
+    motion: (T, 3) commanded rot1 [rad], trans [cm], rot2 [rad]. path, exact_path: (T, 3) x, y [cm], heading [rad]
+    after each step, as driven and as commanded. readings, exact_readings: (T, 2) bearing [rad] from the driven path,
+    with and without noise, and the landmark's number from 0.
     """
 
     motion: Array
@@ -52,9 +52,9 @@ class Evaluation:
 
 
 def read(path: Path, landmarks: int) -> tuple[Evaluation, tuple[str, ...]]:
-    """Read an archive whose readings are of this many landmarks; and what is to be said of it.
+    """Read an archive with readings of this many landmarks. Returns it with its remarks.
 
-    Raises UserError, naming the file and the array, where one is missing or not as the layout says.
+    Raises UserError that names the file and the array if one is missing or does not follow the layout.
     """
     arrays = _load(path)
     steps = int(arrays[_STEPS])
@@ -79,12 +79,12 @@ def read(path: Path, landmarks: int) -> tuple[Evaluation, tuple[str, ...]]:
     if unknown.all():
         remarks += (f"nothing is scored: no real_robot_path in {path.name}",)
     elif unknown.any():
-        remarks += (f"{path}: truth is not known in {int(unknown.sum())} of {steps} steps",)
+        remarks += (f"{path}: truth is unknown in {int(unknown.sum())} of {steps} steps",)
     return Evaluation(*(arrays[name] for name in _ARRAYS)), remarks
 
 
 def write(evaluation: Evaluation, path: Path) -> Path:
-    """Write the archive; its path."""
+    """Write the archive. Returns its path."""
     e = evaluation
     columns = (e.motion, e.readings, e.exact_readings, e.path, e.exact_path)
     arrays: dict[str, Any] = {_STEPS: np.array(e.motion.shape[0]), **dict(zip(_ARRAYS, columns, strict=True))}
@@ -92,7 +92,7 @@ def write(evaluation: Evaluation, path: Path) -> Path:
 
 
 def _load(path: Path) -> dict[str, Array]:
-    """The arrays of the layout; NaN for those that may be missing and are."""
+    """The arrays of the layout; optional arrays that are missing are NaN."""
     content = read_bytes(path)
     if content.startswith(b"\x93NUMPY"):
         raise UserError(
@@ -103,7 +103,7 @@ def _load(path: Path) -> dict[str, Array]:
             return _arrays(path, archive)
     except UserError:
         raise
-    except Exception as error:  # zipfile, zlib and numpy raise many kinds for a damaged archive
+    except Exception as error:  # zipfile, zlib and numpy raise many kinds of error for a damaged archive
         raise UserError(f"{path}: not an archive of plain arrays as numpy.savez writes it") from error
 
 
@@ -118,7 +118,7 @@ def _arrays(path: Path, archive: zipfile.ZipFile) -> dict[str, Array]:
         raise UserError(f"{path}: no array {missing[0]}; the archive holds {', '.join(sorted(there)) or 'nothing'}")
     count = _array(path, archive, _STEPS, None)
     if count.dtype.kind not in "iu" or count < 1:
-        raise UserError(f"{path}: {_STEPS} must be one whole number >= 1; it is {_described(count.dtype, (), count)}")
+        raise UserError(f"{path}: {_STEPS} must be one integer >= 1; it is {_described(count.dtype, (), count)}")
     arrays = {_STEPS: count}
     for name, columns in _ARRAYS.items():
         shape = int(count), len(columns)
@@ -129,7 +129,7 @@ def _arrays(path: Path, archive: zipfile.ZipFile) -> dict[str, Array]:
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str, shape: tuple[int, int] | None) -> Array:
-    """One array, whose declared shape and kind are looked at before it is unpacked. shape: None for one number."""
+    """One array, with declared shape and kind checked before it is unpacked. shape: None for a single number."""
     with archive.open(f"{name}.npy") as stream:
         version = np.lib.format.read_magic(stream)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -140,7 +140,7 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str, shape: tuple[int, in
                 raise UserError(
                     f"{path}: not an archive of plain arrays as numpy.savez writes it; {name} is {described}"
                 )
-            expected = f"{shape[0]} x {shape[1]} numbers" if shape else "one whole number >= 1"
+            expected = f"{shape[0]} x {shape[1]} numbers" if shape else "one integer >= 1"
             raise UserError(f"{path}: {name} must be {expected}; it is {described}")
     check_size(path, math.prod(declared) * dtype.itemsize, f"unpacked, {name} is ")
     with archive.open(f"{name}.npy") as stream:

@@ -1,4 +1,4 @@
-"""Files with one element a frame: which frames are kept, and what the truth beside them is."""
+"""Files with one element per frame: which frames to keep, and the truth that belongs to them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 _OTHER_RATE = 20.0  # times or one part in so many: more than a robot's rate differs
-_SAME = 1e-6  # [s] within which two times are one
-_BRIDGED = 1.5  # times the truth's step, over which it is interpolated
+_SAME = 1e-6  # [s] within which two times are equal
+_BRIDGED = 1.5  # times the truth's step; no interpolation over a longer gap
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The frames (N,) that are kept, their times [s], and whether these are the file's own."""
+    """The frames (N,) that are kept, their times [s], and whether the times come from the file."""
 
     frames: Array
     time: Array
@@ -27,7 +27,7 @@ class Kept:
 
 
 def kept(count: int, time: Array | None, otherwise: Array, place: Callable[[int], str], share: float) -> Kept:
-    """The frames in the order of their times, or all of them at the times that they have otherwise."""
+    """The frames in the order of their times; without times, all frames at default times."""
     if time is None:
         return Kept(np.arange(count), otherwise, False, ())
     frames, time_notes = in_order(time, place, share)
@@ -40,9 +40,9 @@ def kept(count: int, time: Array | None, otherwise: Array, place: Callable[[int]
 def truth_of(
     data: Path, frames: Kept, path: Path, states: Array, time: Array | None, angles: tuple[int, ...], share: float
 ) -> tuple[Array, tuple[str, ...]]:
-    """The truth (n, N) of the frames kept, from states (n, M), NaN where it is not known.
+    """The truth (n, N) of the frames kept, from states (n, M); NaN where unknown.
 
-    By their times where both files have them, else by number. Raises UserError if it is known at none of the times.
+    Matched by time if both files have times, otherwise by number. Raises UserError if the truth is known at no time.
     """
     remarks: tuple[str, ...] = ()
     if time is not None and frames.timed:
@@ -59,22 +59,22 @@ def truth_of(
     if unknown or states.shape[1] != frames.time.size:
         remarks += (
             f"{path}: {states.shape[1]} states for the {frames.time.size} frames of {data.name}, matched by {by}; "
-            f"truth is not known in {unknown} frames",
+            f"truth is unknown in {unknown} frames",
         )
     return truth, remarks
 
 
 def missing(where: Callable[[int], str], lost: Array, what: str) -> tuple[str, ...]:
-    """A remark about the frames (N,) that have none of something.
+    """A remark about the frames (N,) that lack something.
 
-    Raises UserError if none has.
+    Raises UserError if all lack it.
     """
     if not lost.any():
         return ()
     if lost.all():
         raise UserError(f"{where(0)}: no {what} in any of {lost.size} frames")
     first = int(lost.argmax())
-    return (f"{where(first)}: no {what} in {int(lost.sum())} of {lost.size} frames, this the first",)
+    return (f"{where(first)}: no {what} in {int(lost.sum())} of {lost.size} frames, this is the first",)
 
 
 def _at_times(time: Array, known: Array, states: Array, angles: tuple[int, ...]) -> Array:

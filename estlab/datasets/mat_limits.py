@@ -1,6 +1,8 @@
-"""What a MATLAB file declares, before it is unpacked: compressed elements and sizes that the bytes behind do not hold.
+"""Checks what a MATLAB file declares before it is unpacked: compressed elements, and sizes larger than the bytes that
+follow.
 
-The MAT-File format, version 5 (MathWorks 2019): elements of a tag, type and bytes, and the elements within.
+The MAT-File format, version 5 (MathWorks 2019): an element is a tag, with type and number of bytes, and nested
+elements.
 """
 
 import struct
@@ -17,12 +19,12 @@ _HEADER = 128
 _COMPRESSED, _MATRIX = 15, 14
 _CELL, _STRUCT, _OBJECT, _CHAR = 1, 2, 3, 4
 _NUMBERS = range(6, 16)
-_OF_AN_ELEMENT = 200  # bytes that a value of a cell or field takes in memory at least
+_OF_AN_ELEMENT = 200  # minimum bytes of memory for a value of a cell or field
 _DEEPEST = 32
 
 
 def check_declared(path: Path, content: bytes) -> None:
-    """Raise UserError, naming the file, if reading it would take far more memory than it has bytes to fill.
+    """Raise UserError that names the file if reading it would take far more memory than its size justifies.
 
     Files of other versions pass: they are not compressed.
     """
@@ -47,17 +49,17 @@ class _Limits:
     taken: int = 0
 
     def unpacked(self, packed: bytes) -> bytes:
-        """One compressed element, if it is of a sane size."""
+        """One compressed element, if its size is plausible."""
         try:
             head = zlib.decompressobj().decompress(packed, 8)
             size = struct.unpack(f"{self.order}II", head)[1]
             self._add(size)
             return zlib.decompressobj().decompress(packed, size + 8)
         except (zlib.error, struct.error):
-            return b""  # damaged, which its reader will say
+            return b""  # damaged, which its reader will report
 
     def take(self, body: memoryview, depth: int = 0) -> None:
-        """Go through one element and those within."""
+        """Check one element and those nested in it."""
         for kind, data in self._elements(body):
             if kind == _MATRIX and len(data):
                 self._take_matrix(data, depth)
@@ -66,7 +68,7 @@ class _Limits:
         parts = self._elements(data)
         flags, shape, _name = (next(parts, (0, memoryview(b"")))[1] for _ in range(3))
         if depth > _DEEPEST:
-            raise UserError(f"{self.path}: cells within cells, {depth} deep; not a recording")
+            raise UserError(f"{self.path}: cells nested {depth} deep; not a recording")
         if len(flags) < 4 or len(shape) % 4:
             return
         group = struct.unpack_from(f"{self.order}I", flags)[0] & 0xFF
@@ -98,7 +100,7 @@ class _Limits:
 
     def _hold(self, needed: int, there: int) -> None:
         if needed > there:
-            raise UserError(f"{self.path}: an array is declared that needs {needed} bytes, of which {there} are there")
+            raise UserError(f"{self.path}: declares an array of {needed} bytes, but only {there} follow")
 
     def _add(self, size: int) -> None:
         self.taken += size

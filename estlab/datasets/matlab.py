@@ -1,4 +1,4 @@
-"""MATLAB files that hold arrays of structures, one element a time step, and plain variables."""
+"""MATLAB files with arrays of structures, one element per time step, and plain variables."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ _HDF5 = (b"MATLAB 7.3", b"\x89HDF")
 
 @dataclass(frozen=True)
 class Frames:
-    """Values of each frame, and their times (N,) [s] if the file has them. name: of the variable in the file."""
+    """The values of each frame, and their times (N,) [s] if the file has them. name: of the variable in the file."""
 
     name: str
     values: list[Array]
@@ -35,9 +35,9 @@ class MatFile:
     variables: Mapping[str, Any]
 
     def frames(self, name: str | None, field: str) -> Frames:
-        """A field of every element of the struct array of this name, else of the first one that has such a field.
+        """A field of every element of the struct array of this name, or of the first one that has such a field.
 
-        Raises UserError, naming the file and what it does hold, where there is none.
+        Raises UserError that names the file and lists its content if there is none.
         """
         structs = {key: value for key, value in self.variables.items() if _has(value, field)}
         if not structs:
@@ -53,9 +53,9 @@ class MatFile:
         return Frames(f"{key}({{}}).{field}", values, self._times(str(key), elements))
 
     def vectors(self, name: str | None, field: str, columns: Sequence[Column]) -> tuple[Array, Array | None]:
-        """One vector a frame, all of them (n, N), and their times, if there are any: from a struct array or a matrix.
+        """One vector per frame, all of them (n, N), and their times, if any, from a struct array or a matrix.
 
-        A frame whose vector is empty was not measured, and NaN.
+        A frame with an empty vector was not measured, and is NaN.
         """
         size = len(columns)
         if not any(_has(value, field) for value in self.variables.values()):
@@ -79,7 +79,7 @@ class MatFile:
         return values, frames.time
 
     def array(self, name: str) -> Array:
-        """The plain variable of this name, all of it finite numbers."""
+        """The plain variable of this name; all its numbers must be finite."""
         if name not in self.variables:
             raise UserError(f"{self.path}: expected a variable {name}; the file holds {self._held()}")
         array = self._numbers(name, self.variables[name])
@@ -96,7 +96,7 @@ class MatFile:
         return values
 
     def _times(self, key: str, elements: Array) -> Array | None:
-        """The field t [s] of each element; None without it, or where all are empty."""
+        """The field t [s] of each element; None if it is missing or empty in all."""
         if "t" not in (elements.dtype.names or ()):
             return None
         times = [self._numbers(f"{key}({i + 1}).t", e["t"]) for i, e in enumerate(elements)]
@@ -124,27 +124,27 @@ class MatFile:
 
 
 def load(path: Path) -> MatFile:
-    """What is in a file.
+    """The content of a file.
 
-    Raises UserError for a file that is not MATLAB's, or declares more than it has bytes for.
+    Raises UserError for a file that is not MATLAB's, or that declares more than its bytes can hold.
     """
     from scipy.io import loadmat
 
     content = read_bytes(path)
     if content.startswith(_HDF5):
-        raise UserError(f"{path}: saved as version 7.3, which is HDF5; save it by save(..., '-v7')")
+        raise UserError(f"{path}: saved as version 7.3, which is HDF5; save it with save(..., '-v7')")
     check_declared(path, content)
     try:
         variables: dict[str, Any] = loadmat(io.BytesIO(content))
-    except Exception as error:  # scipy raises many kinds for a file that is not MATLAB's
+    except Exception as error:  # scipy raises many kinds of error for a file that is not MATLAB's
         raise UserError(
-            f"{path}: not a MATLAB file that can be read; it must be saved as version 7 or older and be whole"
+            f"{path}: not a readable MATLAB file; it must be complete and saved as version 7 or older"
         ) from error
     return MatFile(path, {name: value for name, value in variables.items() if not name.startswith("__")})
 
 
 def write(path: Path, variables: Mapping[str, Array | Sequence[Mapping[str, Array]]]) -> Path:
-    """Write plain variables, and sequences of mappings as 1 x N struct arrays with the fields of their first."""
+    """Write plain variables, and sequences of mappings as 1 x N struct arrays with the fields of the first mapping."""
     from scipy.io import savemat
 
     held = {name: _struct(value) if isinstance(value, list) else value for name, value in variables.items()}

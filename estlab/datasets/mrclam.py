@@ -28,7 +28,7 @@ LAYOUT = {
     "landmark_groundtruth": ("Landmark_Groundtruth.dat",),
     "barcodes": ("Barcodes.dat",),
 }
-_COMMON = ("landmark_groundtruth", "barcodes")  # to all robots
+_COMMON = ("landmark_groundtruth", "barcodes")  # common to all robots
 _TIME = Column("time")
 _COLUMNS = {
     "odometry": (_TIME, Column("v"), Column("w", angle=True)),
@@ -64,16 +64,16 @@ class LandmarkRecording:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files."""
+        """All of the files."""
         return tuple(self.paths.values())
 
 
 def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEFAULTS) -> LandmarkRecording:
-    """Read one robot's files. Readings of other robots are left out, and unknown barcodes up to a share of all.
+    """Read one robot's files. Readings of other robots are left out; so is a limited share of unknown barcodes.
 
-    Files common to all robots are found with the prefix or without it; that of the truth may be missing. Rows whose
-    times repeat or step back are left out, up to a share; readings may share a time.
-    Raises UserError, naming the file, where one is missing or not as the layout says.
+    Files common to all robots are found with the prefix or without it; the truth may be missing. Rows with repeated
+    or backward times are left out, up to a share; readings may share a time.
+    Raises UserError that names the file if one is missing or does not follow the layout.
     """
     paths, remarks = _paths(Files(folder, prefix, LAYOUT, options.names))
     tables = {kind: read_table(path, _COLUMNS[kind], timed=kind not in _COMMON) for kind, path in paths.items()}
@@ -100,7 +100,8 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
     kept = subjects >= FIRST_LANDMARK
     if not kept.any():
         raise UserError(
-            f"{paths['measurement']}: no reading of a landmark; check that {paths['barcodes'].name} belongs to it"
+            f"{paths['measurement']}: no reading of a landmark; check that {paths['barcodes'].name} belongs "
+            "to the same recording"
         )
     code_of = {subject: code for code, subject in subject_of.items()}
     return LandmarkRecording(
@@ -118,7 +119,7 @@ def read(folder: Path, prefix: str, unknown_share: float, options: Options = DEF
 
 
 def write(recording: LandmarkRecording, folder: Path, prefix: str) -> list[Path]:
-    """Write one robot's files; the files written."""
+    """Write one robot's files. Returns the files written."""
     landmarks = np.column_stack([recording.subjects, recording.landmarks.T, np.zeros((recording.subjects.size, 2))])
     measurement = np.column_stack(
         [recording.reading_time, recording.barcodes[recording.landmark_number], recording.readings.T]
@@ -154,7 +155,7 @@ def _paths(files: Files) -> tuple[dict[str, Path], tuple[str, ...]]:
 def _ordered(
     paths: Mapping[str, Path], tables: Mapping[str, Array], share: float
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Of each table with times, the rows that are kept; and what is said of the others."""
+    """For each table with times, the rows to keep, and remarks about the others."""
     rows: dict[str, Array] = {}
     notes: tuple[str, ...] = ()
     for kind, path in paths.items():
@@ -163,7 +164,7 @@ def _ordered(
             rows[kind], time_notes = in_order(time, partial(place, path), share, repeats=kind == "measurement")
             notes += time_notes
             if rows[kind].size < 2 and kind != "measurement":
-                raise UserError(f"{path}: one row only; at least two are needed to know what is between them")
+                raise UserError(f"{path}: only one row; at least two are needed to interpolate")
     return rows, notes
 
 
@@ -171,14 +172,14 @@ def _check_values(paths: Mapping[str, Path], tables: Mapping[str, Array]) -> Non
     for kind, columns in _WHOLE.items():
         numbers = tables[kind][:, columns]
         broken = ((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)).any(axis=1)
-        _refuse(paths[kind], broken, "a subject or barcode is not a whole number")
+        _refuse(paths[kind], broken, "a subject or barcode is not an integer")
     subjects = tables["landmark_groundtruth"][:, 0]
     robots = f"subjects 1 to {FIRST_LANDMARK - 1} are robots; number landmarks from {FIRST_LANDMARK}, in both files"
     _refuse(paths["landmark_groundtruth"], subjects < FIRST_LANDMARK, robots)
     again = _again(subjects)
-    _refuse(paths["landmark_groundtruth"], again, "this subject has a row already; leave one")
+    _refuse(paths["landmark_groundtruth"], again, "this subject already has a row; keep only one")
     again = _again(tables["barcodes"][:, 1])
-    _refuse(paths["barcodes"], again, "this barcode is another subject's already; each needs its own")
+    _refuse(paths["barcodes"], again, "this barcode already belongs to another subject; each needs its own")
 
 
 def _refuse(path: Path, rows: Array, why: str) -> None:
@@ -188,7 +189,7 @@ def _refuse(path: Path, rows: Array, why: str) -> None:
 
 
 def _again(values: Array) -> Array:
-    """(N,) true where a value has been there before."""
+    """(N,) true where a value occurred before."""
     again = np.ones(values.size, dtype=bool)
     again[np.unique(values, return_index=True)[1]] = False
     return again
@@ -201,6 +202,7 @@ def _check_barcodes(path: Path, barcodes: Path, codes: Array, known: set[int], u
     first = f"{place(path, int(unknown[0]))}: barcode {codes[unknown[0]]} is not in {barcodes.name}"
     if unknown.size > unknown_share * codes.size:
         raise UserError(
-            f"{first}, as for {unknown.size} of {codes.size} readings; check it, or raise scenario.unknown_barcodes"
+            f"{first} ({unknown.size} of {codes.size} readings have unknown barcodes); check the file, or "
+            "raise scenario.unknown_barcodes"
         )
-    return (f"{first}; left out, with {unknown.size - 1} more of {codes.size} readings",)
+    return (f"{first}; left out, together with {unknown.size - 1} more of {codes.size} readings",)

@@ -1,6 +1,6 @@
-"""The two MATLAB files of the car: LIDAR frames and its true states. Seed document 000, problem III.
+"""The two MATLAB files of the car: LIDAR frames and the true states. Seed document 000, problem III.
 
-Frames are steps: one in which nothing was seen, or NaN, is a missing reading.
+Frames are steps. A frame that is empty or NaN is a missing reading.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _HEADING = 3
 class CarRecording:
     """points: (2, M) range [m] and bearing [rad], and the frame of each (M,). time: (N,) [s] of the frames.
 
-    truth: (6, N), NaN where not known.
+    truth: (6, N), NaN where unknown.
     """
 
     points: Array
@@ -36,9 +36,9 @@ class CarRecording:
 
 
 def read(files: Files, dt: float, options: Options) -> CarRecording:
-    """Read the frames and, if there is such a file, the truth. dt: [s] between frames whose times are not told.
+    """Read the frames and, if the file exists, the truth. dt: [s] between frames if the file has no times.
 
-    Raises UserError, naming file and element, where one is missing or not as the layout says.
+    Raises UserError that names file and element if one is missing or does not follow the layout.
     """
     path = files.path("data")
     lidar = matlab.load(path).frames("lidar", "z")
@@ -77,7 +77,7 @@ def read(files: Files, dt: float, options: Options) -> CarRecording:
 
 
 def _scan(path: Path, name: str, points: Array) -> Array:
-    """One frame's points (2, N), empty where the LIDAR saw nothing; columns after the second are let go."""
+    """One frame's points (2, N), empty if the LIDAR saw nothing; columns after the second are ignored."""
     if points.size == 0:
         return np.empty((2, 0))
     if points.ndim != 2 or points.shape[1] < 2:

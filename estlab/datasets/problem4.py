@@ -1,6 +1,6 @@
-"""The two MATLAB files of the kidnapped robot: what was measured, and the truth. Seed document 000, problem IV.
+"""The two MATLAB files of the kidnapped robot: measurements and truth. Seed document 000, problem IV.
 
-Frames are steps: a sonar that heard nothing, or NaN, is a missing reading; no encoder reading may be missing.
+Frames are steps. A sonar element that is empty or NaN is a missing reading; no encoder reading may be missing.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ _SAME_TIME = 1e-6  # [s]
 class SonarRecording:
     """encoder: (2, N) ds [m], dth [rad]. ranges: (3, N) [m], NaN where not measured. time: (N,) [s].
 
-    truth: (3, N), NaN where not known. beacons: (2, B) [m]. bounds: minx, maxx, miny, maxy [m].
+    truth: (3, N), NaN where unknown. beacons: (2, B) [m]. bounds: minx, maxx, miny, maxy [m].
     """
 
     encoder: Array
@@ -45,9 +45,9 @@ class SonarRecording:
 
 
 def read(files: Files, dt: float, options: Options) -> SonarRecording:
-    """Read what was measured and, if there is such a file, the truth. dt: [s] between frames whose times are not told.
+    """Read the measurements and, if the file exists, the truth. dt: [s] between frames if the file has no times.
 
-    Raises UserError, naming file and element, where one is missing or not as the layout says.
+    Raises UserError that names file and element if one is missing or does not follow the layout.
     """
     path, truth_path = files.path("data"), files.find("truth")
     data = matlab.load(path)
@@ -56,14 +56,16 @@ def read(files: Files, dt: float, options: Options) -> SonarRecording:
     count = encoder.shape[1]
     if ranges.shape[1] != count:
         raise UserError(
-            f"{path}: sonar has {ranges.shape[1]} elements, encoder has {count}; they must be as many, and a sonar "
-            "reading that is missing is nan or empty"
+            f"{path}: sonar has {ranges.shape[1]} elements, encoder has {count}; both need the same number; "
+            "write a missing sonar reading as nan or empty"
         )
     beacons, bounds = _map(data)
     truth_file = matlab.load(truth_path).vectors(None, "x", _POSE) if truth_path else None
     place = partial(_element, path, "sonar", "z")
     check_noisy_distances(ranges, _NOISE, place)
-    check_ascending(ranges, place, "they are the ranges to the nearest beacon, the second and the third, in this order")
+    check_ascending(
+        ranges, place, "they must be the ranges to the nearest, second and third nearest beacon, in this order"
+    )
     clock: Callable[[int], str] = partial(_element, path, "encoder", "u")
     time = encoder_time if encoder_time is not None else sonar_time
     apart = _apart(path, encoder_time, sonar_time)
@@ -75,7 +77,7 @@ def read(files: Files, dt: float, options: Options) -> SonarRecording:
     remarks = (
         *kept.remarks,
         *apart,
-        *frames.missing(lambda i: place(int(kept.frames[i])), lost, "whole sonar reading"),
+        *frames.missing(lambda i: place(int(kept.frames[i])), lost, "complete sonar reading"),
     )
     truth = np.full((3, kept.time.size), np.nan)
     if truth_path is None or truth_file is None:
@@ -94,7 +96,7 @@ def read(files: Files, dt: float, options: Options) -> SonarRecording:
 
 
 def _apart(path: Path, encoder: Array | None, sonar: Array | None) -> tuple[str, ...]:
-    """A remark where encoder and sonar have other times in the same element.
+    """A remark if encoder and sonar have different times in the same element.
 
     Raises UserError if they have no time in common.
     """
@@ -102,8 +104,8 @@ def _apart(path: Path, encoder: Array | None, sonar: Array | None) -> tuple[str,
         return ()
     far = f"{path}: sonar(i).t is up to {np.abs(encoder - sonar).max():.4g} s from encoder(i).t"
     if sonar.min() > encoder.max() or encoder.min() > sonar.max():
-        raise UserError(f"{far}; they have no time in common, so do their clocks agree?")
-    return (f"{far}; each is taken at the encoder's time, so do their clocks agree?",)
+        raise UserError(f"{far}; they have no time in common; do their clocks agree?")
+    return (f"{far}; the encoder's times are used; do their clocks agree?",)
 
 
 def _element(path: Path, name: str, field: str, i: int) -> str:

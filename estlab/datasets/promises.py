@@ -1,4 +1,4 @@
-"""What a format promises of its numbers: finite, in their units, in their order; and what is said where one is not."""
+"""What a format requires of its numbers: finite, in their units, in order. Each violation gets one line."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from estlab.maths.space import TURN, Array, wrap
 
 _DEGREES = "more than a full turn; angles are in radians: convert degrees"
 
-_TELLING = 60  # differences from which a jitter is told
+_TELLING = 60  # differences needed to estimate a jitter
 
 
 @dataclass(frozen=True)
 class Column:
     """One number of each row or frame.
 
-    angle: in radians, within a full turn either way. distance: never negative. missing: NaN stands for what was not
-    measured.
+    angle: in radians, within a full turn either way. distance: never negative. missing: NaN stands for values that
+    were not measured.
     """
 
     name: str
@@ -28,10 +28,10 @@ class Column:
 
 
 def check(columns: Sequence[Column], values: Array, place: Callable[[int], str], timed: bool = False) -> None:
-    """Raise UserError for the first number that is not as promised.
+    """Raise UserError for the first number that violates its column.
 
-    values: (columns, N). place: where number i is, as a person finds it. timed: rows carry times, so that one may be
-    removed.
+    values: (columns, N). place: describes where number i is, in a user's terms. timed: rows carry times, so one may
+    be removed.
     """
     order = f"the columns are {' '.join(column.name for column in columns)}, in this order"
     faults = []
@@ -53,7 +53,7 @@ def check(columns: Sequence[Column], values: Array, place: Callable[[int], str],
 def check_headings(heading: Array, x: Array, y: Array, place: Callable[[int], str]) -> None:
     """Raise UserError for headings (N,) that are in degrees. Radians may add up over many turns.
 
-    Radians that pass a full turn are unrolled, so they never jump by half a turn; and they agree with the course
+    Radians that pass a full turn are unrolled, so they never jump by half a turn, and they agree with the course
     better than degrees would. NaN where not measured.
     """
     beyond = np.flatnonzero(np.abs(heading) > TURN)
@@ -65,21 +65,21 @@ def check_headings(heading: Array, x: Array, y: Array, place: Callable[[int], st
 
 
 def check_turns(name: str, commanded: Array, turned: Array, place: str) -> None:
-    """Raise UserError for turns (N,) [rad], commanded or measured over each step, that are degrees by what was turned.
+    """Raise UserError if turns (N,) [rad], commanded or measured over each step, are in degrees, judged by the truth.
 
-    turned: (N,) as the truth has it, NaN where not known. Noise on the commands averages out of their slope.
+    turned: (N,) turns of the truth, NaN where unknown. Noise on the commands averages out of the regression slope.
     """
     known = np.isfinite(turned) & np.isfinite(commanded)
     actual = wrap(turned[known])
     energy = float((actual**2).sum())
     if energy > 0.0 and (slope := float((actual * commanded[known]).sum()) / energy) > 10.0:
         raise UserError(
-            f"{place}: {name} is {slope:.0f} times what the robot turned; angles are in radians, so convert degrees"
+            f"{place}: {name} is {slope:.0f} times the robot's true turns; angles are in radians: convert degrees"
         )
 
 
 def check_ascending(values: Array, place: Callable[[int], str], what: str) -> None:
-    """Raise UserError unless rows of values (m, N) ascend but for noise: in half of the cases, or in the mean."""
+    """Raise UserError unless rows of values (m, N) ascend apart from noise: in half of the cases, or on average."""
     step = np.diff(values, axis=0)
     whole = np.isfinite(step).all(axis=0)
     ascends = (step[:, whole] >= 0.0).all(axis=0)
@@ -95,9 +95,9 @@ def check_ascending(values: Array, place: Callable[[int], str], what: str) -> No
 
 
 def check_noisy_distances(values: Array, least_sd: float, place: Callable[[int], str]) -> None:
-    """Raise UserError for distances (m, N) with added noise that are further below zero than the noise explains.
+    """Raise UserError for distances (m, N) with added noise that are further below zero than noise explains.
 
-    Its standard deviation is at least ``least_sd``, or what the values jitter by from one frame to the next.
+    The noise's standard deviation is at least ``least_sd``, or the jitter of the values from one frame to the next.
     """
     jitter = np.abs(np.diff(values, axis=1))
     jitter = jitter[np.isfinite(jitter)]
@@ -106,17 +106,19 @@ def check_noisy_distances(values: Array, least_sd: float, place: Callable[[int],
     if wrong.any():
         first = int(wrong.argmax())
         numbers = " ".join(f"{v:.4g}" for v in values[:, first])
-        raise UserError(f"{place(first)} [{numbers}] has a negative range that no noise explains; ranges are distances")
+        raise UserError(
+            f"{place(first)} [{numbers}] has a negative range that noise cannot explain; ranges are distances"
+        )
 
 
 def _unknown(column: Column, timed: bool) -> str:
     if column.missing:
-        return "not finite; write nan for what was not measured"
-    return "not finite; " + ("remove the row, a gap is better than a guess" if timed else "it is needed in every row")
+        return "not finite; write nan where nothing was measured"
+    return "not finite; " + ("remove the row; a gap is better than a guess" if timed else "every row needs this value")
 
 
 def _agreement(heading: Array, x: Array, y: Array) -> float:
-    """Mean cosine, without its sign, between heading and course: 1 if one follows the other, forward or backward."""
+    """Mean absolute cosine between heading and course: 1 if one follows the other, forward or backward."""
     dx, dy = np.diff(x), np.diff(y)
     moved = np.hypot(dx, dy)
     off = (np.arctan2(dy, dx) - heading[:-1])[(moved > 0.0) & np.isfinite(moved + heading[:-1])]

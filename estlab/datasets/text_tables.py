@@ -1,4 +1,4 @@
-"""Tables of numbers in text files: columns in any white space or between delimiters, ``#`` begins a comment."""
+"""Tables of numbers in text files: columns separated by white space or by a delimiter; ``#`` starts a comment."""
 
 import io
 import itertools
@@ -21,16 +21,16 @@ _HEADING = "a line that is not data must begin with #"
 
 
 def read_table(path: Path, columns: Sequence[Column], delimiter: str | None = None, timed: bool = True) -> Array:
-    """The numbers in a file, (rows, columns). delimiter: what stands between cells; None for white space.
+    """The numbers in a file, (rows, columns). delimiter: between cells; None for white space.
 
-    timed: rows carry times, so that one may be removed; else each is a step. Between delimiters an empty cell is NaN,
-    and in a table of one column an empty line is one.
-    Raises UserError, naming file and line, where the file is missing or empty, a row has another number of cells,
-    or a cell is not the number that is promised.
+    timed: rows carry times, so one may be removed; otherwise each row is a step. Between delimiters an empty cell is
+    NaN, and in a table of one column so is an empty line.
+    Raises UserError that names file and line if the file is missing or empty, a row has the wrong number of cells, or
+    a cell is not the number that its column requires.
     """
     content = read_bytes(path)
     _check_text(path, content)
-    # What is not UTF-8 may stand in a comment; in a cell it is no number.
+    # Bytes that are not UTF-8 may stand in a comment; in a cell they are not a number.
     text = content.decode("utf-8-sig", errors="replace")
     if delimiter:
         rows = _data_lines(text, delimiter, blank=len(columns) == 1)
@@ -43,7 +43,7 @@ def read_table(path: Path, columns: Sequence[Column], delimiter: str | None = No
         )
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty file is ours to report
+            warnings.simplefilter("ignore", UserWarning)  # we report an empty file ourselves
             table = np.loadtxt(io.StringIO(text, newline=None), ndmin=2, comments="#", delimiter=delimiter)
     except ValueError as error:
         raise UserError(_first_fault(path, columns, delimiter)) from error
@@ -52,13 +52,13 @@ def read_table(path: Path, columns: Sequence[Column], delimiter: str | None = No
     if table.shape[1] != len(columns):
         raise UserError(_first_fault(path, columns, delimiter))
     if delimiter and len(columns) == 2 and (table[0] == [0.0, 1.0]).all():
-        raise UserError(f"{place(path, 0)}: a row 0 1, which numbers columns and is no data; {_HEADING}")
+        raise UserError(f"{place(path, 0)}: the row 0 1 numbers columns and is not data; {_HEADING}")
     check(columns, table.T, partial(place, path, blank=delimiter is not None and len(columns) == 1), timed)
     return np.asarray(table)
 
 
 def place(path: Path, row: int, blank: bool = False) -> str:
-    """Where a data row, from 0, is: file and line, from 1. blank: empty lines between others are rows."""
+    """File and line, from 1, of a data row, from 0. blank: empty lines between others are rows."""
     text = read_bytes(path).decode("utf-8-sig", errors="replace")
     lines = (number for number, _ in _data_lines(text, None, blank))
     return f"{path}:{next(itertools.islice(lines, row, None), 0)}"
@@ -76,13 +76,13 @@ def _shortest(value: float) -> str:
 
 
 def _shown(cell: str) -> str:
-    """A cell in quotes, short and of plain signs, whatever is in it."""
+    """A cell in quotes, short and in plain characters, whatever it contains."""
     plain = cell if cell.isascii() and cell.isprintable() else ascii(cell)[1:-1]
     return f"'{plain[:30]}'" + ("..." if len(plain) > 30 else "")
 
 
 def _check_text(path: Path, content: bytes) -> None:
-    """Raise UserError for what is no text, or has lines without end."""
+    """Raise UserError if the bytes are not text, or have endless lines."""
     if content.startswith(_COMPRESSED):
         raise UserError(f"{path}: is compressed; unpack it first")
     if b"\0" in content:
@@ -111,7 +111,7 @@ def _data_lines(text: str, delimiter: str | None, blank: bool = False) -> Iterat
 
 
 def _word(column: Column) -> str:
-    """What an empty cell stands for."""
+    """What an empty cell means."""
     return "nan" if column.missing else "nothing"
 
 
@@ -132,24 +132,24 @@ def _first_fault(path: Path, columns: Sequence[Column], delimiter: str | None) -
                 if first and not any(map(_is_number, cells)):
                     hint = f"; {_HEADING}"
                 elif cell[-1:] in ",;":
-                    hint = f"; cells must be separated by {_DELIMITERS[delimiter]} alone"
+                    hint = f"; separate cells with {_DELIMITERS[delimiter]} only"
                 elif _is_number(cell.replace(",", ".")):
                     hint = "; write decimals with a point"
                 else:
-                    hint = "; write nan for what was not measured" if column.missing else ""
+                    hint = "; write nan where nothing was measured" if column.missing else ""
                 return f"{path}:{number}: {column.name} is {_shown(cell)}, not a number; {expected}{hint}"
         first = False
     return f"{path}: not a text table of numbers; {expected}"
 
 
 def _why(line: str, cells: Sequence[str], size: int, delimiter: str | None) -> str:
-    """What is likely to have given a line another number of cells, and the remedy; or nothing."""
+    """A likely reason for a wrong number of cells, with the remedy; or nothing."""
     for other, name in _DELIMITERS.items():
         if other != delimiter and size > 1 and len(line.strip().split(other)) == size:
-            return f"; cells are separated by {name}, and must be by {_DELIMITERS[delimiter]}"
+            return f"; cells are separated by {name}; separate them with {_DELIMITERS[delimiter]}"
     if not _is_number(cells[0]) and cells[0]:
         return f"; {_HEADING}"
-    return "; leave out an index and all other columns" if len(cells) > size else ""
+    return "; remove an index column and all other columns" if len(cells) > size else ""
 
 
 def _counted(columns: int) -> str:

@@ -1,12 +1,12 @@
-"""Recorded truth where it can be trusted, and nowhere else."""
+"""Recorded truth, used only where it can be trusted."""
 
 import numpy as np
 
 from estlab.maths.space import Array, wrap
 
-# No wheeled robot turns faster than this [rad/s]: a quicker change of heading is a tracker's mistake.
+# No wheeled robot turns faster than this [rad/s]: a faster change of heading is a tracker's mistake.
 _FASTEST_TURN = 10.0
-# A robot that moves this far [m] within a stretch shows its heading by its course.
+# A robot that moves this far [m] within a stretch reveals its heading by its course.
 _TELLING_TRAVEL = 0.2
 _WRONG_BY = 0.5  # [rad]
 
@@ -34,9 +34,9 @@ def on_timeline(time: Array, truth_time: Array, truth: Array, angles: tuple[int,
 def trusted_heading(time: Array, x: Array, y: Array, heading: Array, gap: float) -> Array:
     """(N,) true where the recorded heading of a robot that drives forward agrees with its course.
 
-    The record is cut where the heading jumps faster than any robot turns, or at a gap. A stretch is
-    refused if its course is off by more than half a radian in the median; one too short to tell is
-    refused if a jump bounds it.
+    The record is cut where the heading jumps faster than any robot turns, or at a gap. A stretch is rejected if the
+    median difference from its course exceeds half a radian. A stretch too short to judge is rejected if a jump bounds
+    it.
     """
     lapse = np.diff(time)
     jump = np.abs(wrap(np.diff(heading))) > _FASTEST_TURN * np.maximum(lapse, 0.02)
@@ -51,12 +51,12 @@ def trusted_heading(time: Array, x: Array, y: Array, heading: Array, gap: float)
 
 
 def first_of_each(way: Array, length: float) -> Array:
-    """Where a way (N,) that ascends from 0 first passes each multiple of a length, however far it goes."""
+    """Where a distance (N,) that ascends from 0 first passes each multiple of a length, however far it goes."""
     return np.flatnonzero(np.diff(np.floor(way / length), prepend=-1.0) > 0.0)
 
 
 def _course_error(x: Array, y: Array, heading: Array) -> float | None:
-    """Median angle [rad] between heading and the chord to where the robot is 5 cm on; None if it hardly moves."""
+    """Median angle [rad] between heading and the chord to the position 5 cm later; None if the robot hardly moves."""
     travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if travel[-1] < _TELLING_TRAVEL:
         return None

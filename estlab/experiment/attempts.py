@@ -1,4 +1,4 @@
-"""What is made once the filters are done, each thing by itself: one that fails is missing, and loses no other."""
+"""Everything made after the filters, each thing separately: one that fails is missing, and loses no other."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from estlab.errors import IncompleteError, plugin_fault, printable
 
 Made = TypeVar("Made")
 
-# What is made of runs that diverge is NaN or infinite, and they are counted: no arithmetic is worth a warning here.
+# Results of diverged runs are NaN or infinite, and they are counted: no arithmetic here is worth a warning.
 _quietly = partial(np.errstate, invalid="ignore", over="ignore", divide="ignore")
 _LONGEST = 200  # characters of a reason
 
@@ -19,9 +19,9 @@ log = logging.getLogger("estlab")
 
 
 class Attempts:
-    """The one place that draws, bounds, tests and writes for a run.
+    """The only place that draws, bounds, tests and writes for a run.
 
-    missing: why each thing is missing that could not be made. Its traceback is logged.
+    missing: why each missing thing could not be made. Its traceback is logged.
     """
 
     def __init__(self, plugins: Sequence[str] = ()) -> None:
@@ -30,12 +30,12 @@ class Attempts:
         self.missing: dict[str, str] = {}
 
     def made(self, what: str, make: Callable[[], Made], needed: bool = False) -> Made | None:
-        """What ``make`` gives; None where it raises. needed: whether a run without it is incomplete."""
+        """The result of ``make``; None if it raises. needed: whether a run without it is incomplete."""
         try:
             with _quietly():
                 return make()
         except Warning:
-            raise  # whoever turns warnings into errors wants to see them
+            raise  # a user who turns warnings into errors wants to see them
         except (Exception, SystemExit) as error:
             self._miss(what, error, needed)
             return None
@@ -53,20 +53,20 @@ class Attempts:
             self._miss(what, error, needed)
 
     def remarks(self) -> list[str]:
-        """A line for each reason, with all that is missing for it."""
+        """One line per reason, with everything that is missing because of it."""
         reasons: dict[str, list[str]] = {}
         for what, why in self.missing.items():
             reasons.setdefault(why, []).append(what)
         return [f"missing: {', '.join(what)} ({why}); the traceback is in log.txt" for why, what in reasons.items()]
 
     def complete(self, where: object) -> None:
-        """Raise IncompleteError if something is missing that a run needs. where: the directory that has the rest."""
+        """Raise IncompleteError if something is missing that a run needs. where: the directory with the rest."""
         if self._needed:
             what = self._needed[0]
             more = f" and {len(self._needed) - 1} more" if len(self._needed) > 1 else ""
             raise IncompleteError(
-                f"the run is incomplete, {what}{more} is missing ({self.missing[what]}); all else is kept in "
-                f"{where}, the traceback is in its log.txt"
+                f"the run is incomplete, {what}{more} is missing ({self.missing[what]}); everything else is in "
+                f"{where}, and the traceback in its log.txt"
             )
 
     def _miss(self, what: str, error: BaseException, needed: bool) -> None:

@@ -1,4 +1,4 @@
-"""Whether the parts of a configuration go together, before anything is made of them."""
+"""Checks that the parts of a configuration fit together, before anything is made from them."""
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from estlab.experiment.plugin_errors import plugins_named
 from estlab.parallel import cores
 from estlab.record import SMOOTHED
 
-_CROWDED = 4  # processes a core that may be asked for
+_CROWDED = 4  # processes per core that may be requested
 
 
 @plugins_named
 def check(settings: Settings) -> None:
-    """Raise UserError where the parts do not fit together, before anything is made."""
+    """Raise UserError if the parts do not fit together, before anything is made."""
     data = settings.data
     if data.source == "simulated" and (data.path is not None or data.prefix):
         key = f"data.prefix={data.prefix}" if data.path is None else f"data.path={data.path}"
@@ -23,11 +23,11 @@ def check(settings: Settings) -> None:
     _check_file_names(settings)
     truth = settings.noise.truth
     if settings.data.source == "files" and (truth.process_scale, truth.measurement_scale) != (1.0, 1.0):
-        raise UserError("noise.truth has no effect on a recording; leave it at 1, or take data=simulated")
+        raise UserError("noise.truth has no effect on a recording; leave it at 1, or set data=simulated")
     if settings.cores is not None and settings.cores > _CROWDED * cores.usable():
         raise UserError(
-            f"cores={settings.cores} is far more than the {cores.usable()} that this process may use, and each is a "
-            "process with a memory of its own; leave it out to take all that there are"
+            f"cores={settings.cores} is far more than the {cores.usable()} that this process may use, and "
+            "each is a process with its own memory; leave it out to use all"
         )
     for name, filter in settings.filters.items():
         key = settings.filter_key(name)
@@ -37,7 +37,7 @@ def check(settings: Settings) -> None:
         except ValueError as error:
             raise UserError(f"{key}.{error}") from error
         except ArithmeticError as error:
-            raise UserError(f"{key} or noise.filter is so large or small that numbers end ({error})") from error
+            raise UserError(f"{key} or noise.filter is so large or small that numbers overflow ({error})") from error
         if loop.compiles:
             cores.enough_memory("engine=compiled")
         try:
@@ -61,4 +61,6 @@ def _check_file_names(settings: Settings) -> None:
         if settings.data.source == "simulated":
             raise UserError(f"data.files.{kind}={name} would not be read: add data=files")
         if kind not in kinds:
-            raise UserError(f"data.files.{kind}: the scenario has no such file; it has {', '.join(kinds) or 'none'}")
+            raise UserError(
+                f"data.files.{kind}: the scenario has no such file; its files are {', '.join(kinds) or 'none'}"
+            )

@@ -32,17 +32,17 @@ def unseen() -> AbstractContextManager[Callable[[int], Callable[[int], None]]]:
 
 
 def unheard(**facts: Any) -> None:
-    """Nobody who wants to know the facts."""
+    """For callers that do not need the facts."""
 
 
 @plugins_named
 def compute(settings: Settings, describe: Callable[..., object] = unheard, progress: Progress = unseen) -> Result:
-    """Run all filters and make every table. What cannot be made is missing in the result.
+    """Run all filters and make every table. Anything that cannot be made is missing in the result.
 
-    describe: is given what run.json says, as soon as it is known. progress: a context that, given the number of all
-    steps, gives what counts those done.
+    describe: receives the content of run.json, as soon as it is known. progress: a context that takes the number of
+    all steps and returns the counter of those done.
 
-    Raises UserError for data that cannot be used, WorkerLostError if a process that shared the work ended.
+    Raises UserError for invalid data, WorkerLostError if a process that shared the work died.
     """
     facts: dict[str, Any] = {}
 
@@ -60,7 +60,7 @@ def compute(settings: Settings, describe: Callable[..., object] = unheard, progr
 def compute_part(
     settings: Settings, describe: Callable[..., object] = unheard, progress: Progress = unseen
 ) -> Ensemble:
-    """Run all filters over a part of the runs, which has no tables of its own; raises as :func:`compute`."""
+    """Run all filters over a part of the runs, which has no tables of its own; raises like :func:`compute`."""
     return _ensemble(settings, describe, progress)
 
 
@@ -68,8 +68,8 @@ def _ensemble(settings: Settings, describe: Callable[..., object], progress: Pro
     """The runs through all filters."""
     runs, names = settings.run_numbers, ", ".join(settings.filters)
     log.info("%s with %s, runs %d to %d, seed %d", settings.names.scenario, names, runs[0], runs[-1], settings.seed)
-    # The statistics' own: before workers are forked, so that each need not import it, and none finds out halfway that
-    # there is no room for it.
+    # For the statistics: imported before workers are forked, so that not each of them imports it, and none finds out
+    # halfway that there is no room for it.
     importlib.import_module("scipy.special")
     with workers(settings) as pool:
         first = record_of(settings, block(settings, 0))
@@ -93,7 +93,7 @@ def _title(settings: Settings, steps: int) -> str:
 
 
 def result_of(settings: Settings, ensemble: Ensemble, facts: dict[str, Any]) -> Result:
-    """Every figure and table of an ensemble, each made by itself."""
+    """Every figure and table of an ensemble, each made separately."""
     attempts = Attempts(settings.plugins)
     bounds = bounds_of(settings, ensemble, attempts)
     findings = {name: findings_of(settings, name, ensemble, bounds[name], attempts) for name in ensemble.kept}
@@ -120,15 +120,15 @@ def result_of(settings: Settings, ensemble: Ensemble, facts: dict[str, Any]) -> 
 
 
 def _left_out(names: Names, others: bool) -> list[str]:
-    """A remark where an experiment's expectations are not held. others: whether there are any of these data."""
-    instead = "those of this recording hold" if others else "none are known of this recording"
-    return [f"the experiment's expectations are of its simulation and were left out; {instead}"] * names.set_aside
+    """A remark if an experiment's expectations are left out. others: whether these data have their own."""
+    instead = "those of this recording apply" if others else "this recording has none"
+    return [f"the experiment's expectations apply to its simulation and were left out; {instead}"] * names.set_aside
 
 
 def _held_to(
     expect: Any, findings: Mapping[str, Findings], own: Mapping[str, list[Any]], attempts: Attempts
 ) -> list[Finding]:
-    """What was expected against the rows of metrics.csv and the own table."""
+    """The expectations, checked against the rows of metrics.csv and the own table."""
     rows = {name: [row._asdict() for row in one.rows] for name, one in findings.items()}
     parsed = expectations.parse(expect, list(rows))
     found = attempts.made(rundir.EXPECTATIONS, lambda: expectations.check(parsed, rows, own), needed=True) or []

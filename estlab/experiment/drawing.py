@@ -1,4 +1,4 @@
-"""The pictures of a result as files: drawn on all cores, where processes can be forked."""
+"""The pictures of a result as files: drawn on all cores, if processes can be forked."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ Task = Callable[[], Files]
 
 
 class _Drawn(NamedTuple):
-    """The files of one task, and why something of it is missing."""
+    """The files of one task, and why some of it is missing."""
 
     files: Files
     missing: dict[str, str]
@@ -27,9 +27,9 @@ class _Drawn(NamedTuple):
 
 @contextmanager
 def drawn(result: Result) -> Iterator[Iterator[tuple[str, bytes]]]:
-    """The name and content of each picture, as they are finished; another process begins with them at once.
+    """The name and content of each picture, as they are finished; another process starts with them at once.
 
-    What cannot be drawn is added to what is missing in the result.
+    Anything that cannot be drawn is added to the missing parts of the result.
     """
     tasks = _tasks(result)
 
@@ -49,11 +49,11 @@ def _collected(result: Result, results: Iterator[tuple[int, _Drawn]]) -> Iterato
 
 
 def _tasks(result: Result) -> list[Task]:
-    """What draws one picture each, and first the problem's own, which take longest."""
+    """Functions that draw one picture each; the problem's own come first, because they take longest."""
     attempts = result.attempts
 
     def draw(axes: "Axes", name: str, place: int) -> None:
-        attempts.made("what the problem adds to pictures", lambda: result.add_to_picture(axes, name, place))
+        attempts.made("the problem's additions to pictures", lambda: result.add_to_picture(axes, name, place))
 
     def content(name: str, make: plots.Make) -> Files:
         path = f"{rundir.PLOTS}/{name}"

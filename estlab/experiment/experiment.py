@@ -1,5 +1,6 @@
 """One experiment: computed, written to its directory, told on the terminal."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -9,7 +10,7 @@ from estlab.config.expectations import Finding
 from estlab.config.settings import Settings
 from estlab.errors import IncompleteError
 from estlab.experiment import parts
-from estlab.experiment.compute import compute, compute_part
+from estlab.experiment.compute import Progress, compute, compute_part
 from estlab.experiment.plugin_errors import plugins_named
 from estlab.experiment.result import Result
 from estlab.experiment.write import write
@@ -17,15 +18,27 @@ from estlab.report import console, grids, terminal
 from estlab.report.expected import HEADINGS, expected_grid
 from estlab.rundir import RunDirectory
 
+Show = Callable[[Result, Path], object]
+
 
 @plugins_named
-def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list[Finding]:
-    """Compute, write every file of the directory but its configuration and status, and print the summary.
+def run(
+    settings: Settings,
+    directory: RunDirectory,
+    command: list[str],
+    progress: Progress | None = None,
+    show: Show | None = None,
+) -> list[Finding]:
+    """Compute, write every file of the directory except its configuration and status, and show the result.
 
-    Returns what was found of what was expected. A statistic, table or picture that cannot be made is said and missing.
+    Returns the findings about expectations. A statistic, table or picture that cannot be made is missing, with a
+    remark.
 
-    Raises UserError for data that cannot be used, OSError for a disk that cannot be written, IncompleteError if
-    metrics.csv or estimates.npz, or a filter's errors, are missing, all else being kept.
+    progress: see :func:`compute`; None: a bar on the terminal. show: is given the result and where it was written;
+    None: prints the summary.
+
+    Raises UserError for invalid data, OSError for a disk that cannot be written, IncompleteError if metrics.csv,
+    estimates.npz or a filter's errors are missing; everything else is kept.
     """
     names, filters, runs = settings.names, settings.filters, settings.run_numbers
     directory.describe(
@@ -33,7 +46,7 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
         runs=len(runs), first_run=runs[0],
     )  # fmt: skip
     directory.keep_sources(settings.plugins)
-    progress = partial(console.progress, f"{names.scenario} {' '.join(filters)}")
+    progress = progress or partial(console.progress, f"{names.scenario} {' '.join(filters)}")
     if settings.part is not None:
         ensemble = compute_part(settings, directory.describe, progress)
         directory.keep_sources(settings.plugins)
@@ -43,16 +56,16 @@ def run(settings: Settings, directory: RunDirectory, command: list[str]) -> list
         directory.write(rundir.PART, partial(parts.save, ensemble))
         return []
     result = compute(settings, directory.describe, progress)
-    directory.keep_sources(settings.plugins)  # what was imported on the way
+    directory.keep_sources(settings.plugins)  # modules that were imported on the way
     write(result, directory)
-    _print(result, _short(directory.path))
+    (show or _print)(result, _short(directory.path))
     directory.describe(missing=result.attempts.missing)
     result.attempts.complete(directory.path)
     return result.expected
 
 
 def _print(result: Result, where: Path) -> None:
-    """Tables, verdicts and remarks, the path, and what was expected."""
+    """Tables, verdicts and remarks, the path, and the expectations."""
     attempts, findings = result.attempts, result.findings
     attempts.put(
         "tables on the terminal",
@@ -69,6 +82,6 @@ def _print(result: Result, where: Path) -> None:
 
 
 def _short(path: Path) -> Path:
-    """Relative to where the user stands, if it is below."""
+    """The path relative to the current folder, if it is below it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path

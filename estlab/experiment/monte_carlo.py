@@ -27,14 +27,14 @@ from estlab.record import SMOOTHED, Estimates, Record
 from estlab.validation import problem
 from estlab.validation.user_filter import try_filter
 
-_CLOUDS = 100  # runs at most of which a sample of the cloud is kept, 40 kB each of a state of three numbers
+_CLOUDS = 100  # runs for which a sample of the cloud is kept at most, 40 kB each for a state of three numbers
 
 log = logging.getLogger("estlab")
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Of runs: a tally for each set of estimates by name, filters compared, the first runs one by one, further sums."""
+    """Totals over runs: a tally for each set of estimates, comparisons of filters, the first runs, further sums."""
 
     tallies: dict[str, Tally]
     comparison: Comparison
@@ -42,7 +42,7 @@ class Totals:
     sums: dict[str, Array]
 
     def plus(self, other: "Totals") -> "Totals":
-        """Of the runs of both, those of the other coming after."""
+        """The totals of the runs of both; those of the other come after."""
         return Totals(
             {name: tally.plus(other.tallies[name]) for name, tally in self.tallies.items()},
             self.comparison.plus(other.comparison),
@@ -53,9 +53,9 @@ class Totals:
 
 @dataclass(frozen=True)
 class Block:
-    """What is left of a block of runs: totals, seconds that each filter took and, of the first block, histories.
+    """What remains of a block of runs: totals, seconds that each filter took and, for the first block, histories.
 
-    totals: or why there are none.
+    totals: or the reason why there are none.
     """
 
     totals: Totals | str
@@ -65,7 +65,8 @@ class Block:
 
 @dataclass
 class Ensemble:
-    """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds spent.
+    """All runs of all filters: totals, and for each set of estimates by name the histories kept and the seconds
+    spent.
 
     record: of the first block. failure: why there is no total of all runs, if there is none.
     """
@@ -78,7 +79,7 @@ class Ensemble:
 
     @quietly
     def add(self, number: int, block: Block) -> None:
-        """Take in a block, once."""
+        """Add a block, once."""
         if isinstance(block.totals, str):
             self.failure = self.failure or block.totals
         else:
@@ -90,29 +91,29 @@ class Ensemble:
     @cached_property
     @quietly
     def total(self) -> Totals:
-        """Of all blocks. Raises RuntimeError where a block's could not be computed."""
+        """The total of all blocks. Raises RuntimeError if a block's could not be computed."""
         if self.failure:
             raise RuntimeError(self.failure)
         return self.blocks.total()
 
     def cost(self, runs: int) -> dict[str, float]:
-        """Seconds a run and step of each filter, of so many runs; a smoother's are in its filter's."""
+        """Seconds per run and step of each filter, for so many runs; a smoother's are included in its filter's."""
         seconds = {name: self.seconds[name.removesuffix(SMOOTHED)] for name in self.kept}
         return {name: spent / (runs * self.record.time.size) for name, spent in seconds.items()}
 
 
 def loop_of(settings: Settings, filter: AnyFilter, landmarks: Array) -> Loop:
-    """A filter with the models as it assumes them."""
+    """A filter with the models that it assumes."""
     scenario, noise = settings.scenario, settings.noise.filter
     parts = filter, *problem.models_of(scenario, noise, landmarks), *problem.scheme_of(scenario)
     return Loop(*parts) if settings.engine == "numpy" else compiled_loop(*parts, insist=settings.engine == "compiled")
 
 
-_loops: dict[str, tuple[Settings, Array, Loop]] = {}  # of this process, so that models are traced for its first block
+_loops: dict[str, tuple[Settings, Array, Loop]] = {}  # for this process, so that models are traced for its first block
 
 
 def _kept_loop(settings: Settings, name: str, filter: AnyFilter, landmarks: Array) -> Loop:
-    """The loop of the block before, if there was one with the same settings; else a new one."""
+    """The loop of the previous block, if it had the same settings; otherwise a new one."""
     known = _loops.get(name)
     if known is None or known[0] is not settings or not np.array_equal(known[1], landmarks):
         known = _loops[name] = settings, landmarks, loop_of(settings, filter, landmarks)
@@ -120,7 +121,7 @@ def _kept_loop(settings: Settings, name: str, filter: AnyFilter, landmarks: Arra
 
 
 def check_answers(settings: Settings, first: Record) -> None:
-    """Raise AnswerError, naming function and field, for models or filters that cannot take the first record."""
+    """Raise AnswerError that names function and field, for models or filters that cannot handle the first record."""
     streams = Streams(settings.seed, settings.names.scenario)
     filters = settings.filters
     models = problem.models_of(settings.scenario, settings.noise.filter, first.landmarks)
@@ -132,7 +133,7 @@ def check_answers(settings: Settings, first: Record) -> None:
 
 
 def record_of(settings: Settings, runs: Sequence[int]) -> Record:
-    """Truth and readings of the runs with these numbers. Raises AnswerError for what is no record."""
+    """Truth and readings of the runs with these numbers. Raises AnswerError for an invalid record."""
     streams = Streams(settings.seed, settings.names.scenario)
     scenario, data = settings.scenario, settings.data
     if data.source == "files":
@@ -151,7 +152,7 @@ def record_of(settings: Settings, runs: Sequence[int]) -> Record:
 
 
 def workers(settings: Settings) -> Workers[Block]:
-    """Processes for the blocks of all runs, or of a part; none where parts are put together."""
+    """Processes for the blocks of all runs, or of a part; none if parts are merged."""
     count = block_count(settings)
     which, parts = settings.part or (0, 1)
     blocks = range(which * count // parts, (which + 1) * count // parts)
@@ -164,7 +165,8 @@ def estimated(
     workers: Workers[Block],
     progress: Callable[[int], Callable[[int], None]],
 ) -> Ensemble:
-    """All runs of all filters, or those of a part. progress: told of all steps, gives what counts some.
+    """All runs of all filters, or those of a part. progress: takes the number of all steps, returns the counter of
+    some.
 
     first: the record of the ensemble's first block.
     """
@@ -179,7 +181,7 @@ def estimated(
 
 
 def block_of(settings: Settings, first: Record | None, number: int, on_step: OnStep) -> Block:
-    """A block of runs through all filters. first: the record of the first block, if it is made already."""
+    """A block of runs through all filters. first: the record of the first block, if it already exists."""
     runs = block(settings, number)
     record = first if first and number == 0 else record_of(settings, runs)
     streams = Streams(settings.seed, settings.names.scenario)
@@ -205,7 +207,7 @@ def block_of(settings: Settings, first: Record | None, number: int, on_step: OnS
 
 
 def empty_totals(settings: Settings, record: Record, names: Iterable[str]) -> Totals:
-    """Totals of no runs yet, for these sets of estimates."""
+    """Totals of no runs, for these sets of estimates."""
     space, begin = settings.scenario.space, settings.run_numbers.start
     limits = Limits(settings.scenario.found_within, settings.scenario.lost_beyond)
     tallies = {name: Tally(space, record.time, limits, record.repeated, begin) for name in names}

@@ -1,4 +1,4 @@
-"""A part of an ensemble's blocks in a file, and all parts put together to what one process would have found."""
+"""A part of an ensemble's blocks in a file, and all parts merged to what one process would have found."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ from estlab.rundir.finished import stored
 
 
 def save(ensemble: Ensemble, stream: BinaryIO) -> None:
-    """Write the sums of a part's blocks, its time and, of the part that has them, the histories kept."""
+    """Write the sums of a part's blocks, its time and, for the part that has them, the histories kept."""
     arrays: dict[str, Array] = {f"seconds/{name}": np.array(spent) for name, spent in ensemble.seconds.items()}
     for (level, number), totals in ensemble.blocks.nodes.items():
         node = f"nodes/{level}.{number}"
@@ -38,7 +38,7 @@ def save(ensemble: Ensemble, stream: BinaryIO) -> None:
 def put_together(settings: Settings, first: Record, folders: Sequence[Path]) -> Ensemble:
     """The ensemble whose parts are in these folders. first: the first block's record.
 
-    Raises UserError that names the file for a part that is missing, cannot be read or is another ensemble's.
+    Raises UserError that names the file if a part is missing, cannot be read or belongs to another ensemble.
     """
     ensemble = Ensemble(first)
     for folder in folders:
@@ -49,7 +49,7 @@ def put_together(settings: Settings, first: Record, folders: Sequence[Path]) -> 
     whole = block_count(settings)
     found = sum(1 << level for level, _ in ensemble.blocks.nodes)
     if found != whole:
-        raise UserError(f"{folders[0].parent}: its parts hold {found} of {whole} blocks; run the others too")
+        raise UserError(f"{folders[0].parent}: its parts contain {found} of {whole} blocks; run the others too")
     return ensemble
 
 

@@ -1,4 +1,4 @@
-"""What a plugin's code raises, named as the plugin's."""
+"""Exceptions of a plugin's code, named as the plugin's."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -12,7 +12,7 @@ R = TypeVar("R")
 
 
 def plugins_named(function: Callable[Concatenate[Settings, P], R]) -> Callable[Concatenate[Settings, P], R]:
-    """The function, which raises PluginError in place of what the code of one of the user's plugins raises."""
+    """The function, which raises PluginError in place of exceptions from the code of the user's plugins."""
 
     @wraps(function)
     def named(settings: Settings, /, *arguments: P.args, **keys: P.kwargs) -> R:

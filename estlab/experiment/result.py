@@ -1,4 +1,4 @@
-"""All that comes of an experiment, in memory: what is written to a directory, printed and drawn."""
+"""The result of an experiment, in memory: it is written to a directory, printed and drawn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ from estlab.scenarios.scenario import History
 class Result:
     """Arrays, tables and verdicts of all filters, as far as they could be made.
 
-    facts: what run.json says of it. arrays: those of estimates.npz. by_filter: the tables that have lines of each
-    filter, by file and filter. findings: what the statistics say of each set of estimates, a filter's or a smoother's.
-    comparison: a row for each pair of filters. own: the problem's own table, by column. expected: what was expected,
-    and found. repeated: whether all runs are of one recording. remarks: what a person should know of the data.
-    attempts: what could not be made, and why.
+    facts: the content of run.json. arrays: those of estimates.npz. by_filter: the tables with lines of each filter,
+    by file and filter. findings: the statistics of each set of estimates, a filter's or a smoother's. comparison: a
+    row for each pair of filters. own: the problem's own table, by column. expected: the findings about expectations.
+    repeated: whether all runs share one recording. remarks: for a reader of the results. attempts: what could not be
+    made, and why.
     """
 
     settings: Settings
@@ -44,7 +44,7 @@ class Result:
 
     @property
     def title(self) -> str:
-        """One line that says what was run."""
+        """One line that describes the run."""
         return str(self.facts["title"])
 
     @property
@@ -64,12 +64,12 @@ class Result:
 
     @property
     def tables(self) -> list[str]:
-        """The files of all tables that there are."""
+        """The files of all existing tables."""
         others = {self.own_name: self.own, rundir.COMPARISON: self.comparison, rundir.EXPECTATIONS: self.expected}
         return [file for file, table in {**self.by_filter, **others}.items() if table]
 
     def table(self, file: str) -> Mapping[str, Any]:
-        """The columns of a table as they stand in its file. Raises KeyError if there is no such table."""
+        """The columns of a table as in its file. Raises KeyError if there is no such table."""
         if file not in self.tables:
             raise KeyError(file)
         if file == self.own_name:
@@ -81,11 +81,11 @@ class Result:
         return csv_tables.of_filters(self.by_filter[file], self.settings.seed)
 
     def add_to_picture(self, axes: Any, name: str, place: int) -> None:
-        """Draw what the problem adds to a picture of the plane, of a filter in one of the runs kept."""
+        """Draw the problem's additions to a picture of the plane, for a filter in one of the runs kept."""
         self.settings.scenario.draw(axes, history_of(self.arrays, name, self.filters, place))
 
     def plot_data(self, draw: Draw | None = None) -> PlotData:
-        """What its pictures are drawn from. draw: in place of :meth:`add_to_picture`."""
+        """The data for its pictures. draw: in place of :meth:`add_to_picture`."""
         return PlotData(
             tables=self.by_filter,
             arrays=self.arrays,

@@ -1,4 +1,4 @@
-"""What an ensemble says: the bound, figures, tests, verdicts and tables, each made by itself (see attempts)."""
+"""The statistics of an ensemble: the bound, figures, tests, verdicts and tables, each made separately."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -23,14 +23,14 @@ ByFile = dict[str, dict[str, Table]]
 def bounds_of(settings: Settings, ensemble: Ensemble, attempts: Attempts) -> dict[str, Array | None]:
     """The Cramer-Rao bound (n, n, T) for each set of estimates.
 
-    A smoother has none: the bound is of the readings so far.
+    A smoother has none, because the bound is for the readings so far.
     """
     bound = attempts.made("Cramér-Rao bound", lambda: _bound(settings, ensemble))
     return {name: None if name.endswith(SMOOTHED) else bound for name in ensemble.kept}
 
 
 def _bound(settings: Settings, ensemble: Ensemble) -> Array | None:
-    """Of runs enough for its means; None where there is none."""
+    """From enough runs for its means; None if there is none."""
     if ensemble.record.origin is None:
         return None
     record = record_of(settings, range(_BOUND_RUNS))
@@ -39,7 +39,7 @@ def _bound(settings: Settings, ensemble: Ensemble) -> Array | None:
 
 
 def findings_of(settings: Settings, name: str, ensemble: Ensemble, bound: Array | None, attempts: Attempts) -> Findings:
-    """What the statistics say of one set of estimates."""
+    """The statistics of one set of estimates."""
     of = name if name in settings.filters else name.removesuffix(SMOOTHED)
     sampled_by = settings.filters[of].traits.sampled_by
     sampled = f"{settings.filter_key(of)}.{sampled_by}" if sampled_by else ""
@@ -59,7 +59,7 @@ def findings_of(settings: Settings, name: str, ensemble: Ensemble, bound: Array 
 def tables_of(
     ensemble: Ensemble, findings: Mapping[str, Findings], bounds: Mapping[str, Array | None], attempts: Attempts
 ) -> ByFile:
-    """Every table that has lines of each filter, by file and filter, as far as they can be made."""
+    """Every table with lines of each filter, by file and filter, as far as they can be made."""
     if ensemble.failure:
         return {}
     sums = {name: _sums(ensemble, name, findings[name], bounds[name]) for name in ensemble.kept}

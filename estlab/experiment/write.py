@@ -1,4 +1,4 @@
-"""The result of an experiment into a run directory: arrays and tables, then pictures."""
+"""Writes the result of an experiment into a run directory: arrays and tables, then pictures."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -15,16 +15,17 @@ from estlab.rundir import RunDirectory
 
 
 def write(result: Result, directory: RunDirectory) -> None:
-    """Write every file of a result. What cannot be written is added to what is missing, and loses nothing else.
+    """Write every file of a result. Anything that cannot be written is added to the missing parts, and loses nothing
+    else.
 
-    Raises OSError for a disk that cannot be written, WorkerLostError if a process that drew ended.
+    Raises OSError for a disk that cannot be written, WorkerLostError if a process that drew died.
     """
     attempts = result.attempts
 
     def put(name: str, write: Callable[[BinaryIO], object], needed: bool = False) -> None:
         attempts.put(name, partial(directory.write, name, write), needed)
 
-    # The pictures take longest: another core begins with them while this one writes the tables.
+    # The pictures take longest: another core starts with them while this one writes the tables.
     with drawn(result) if result.settings.plots else nullcontext(()) as pictures:
         put(rundir.ESTIMATES, lambda stream: np.savez(stream, allow_pickle=False, **result.arrays), needed=True)
         for file in result.tables:

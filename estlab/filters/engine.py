@@ -1,4 +1,4 @@
-"""The filter loop as compiled code: the models traced, the whole step unrolled over vectors of runs."""
+"""The filter loop as compiled code: traces the models and unrolls the whole step over vectors of runs."""
 
 import logging
 from collections.abc import Callable
@@ -17,16 +17,16 @@ from estlab.record import Estimates, Readings, Record
 
 log = logging.getLogger("estlab")
 
-_AT_ONCE = 200_000  # steps of runs between calls of on_step, well under a second: compiled code hears no interruption
+_AT_ONCE = 200_000  # steps of runs between calls of on_step, well under a second: compiled code cannot be interrupted
 
 
 class CompiledLoop(Loop):
-    """The same loop to the same numbers but for rounding.
+    """The same loop with the same results, except for rounding.
 
-    insist: raise UserError if filter or models cannot be compiled; else they run on NumPy. lanes: how many runs at
-    once, at most; None: as many as the processor takes. Runs in which something is beyond what the code is right for (a
-    covariance without a factor, an angle of a million, a number that is not finite) are gone through by NumPy, each for
-    itself.
+    insist: raise UserError if filter or models cannot be compiled; otherwise they run on NumPy. lanes: the largest
+    number of runs at once; None: as many as the processor allows. Runs that leave the range in which the code is
+    correct (a covariance without a factor, an angle of a million, a number that is not finite) run on NumPy, each
+    separately.
     """
 
     def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
@@ -43,12 +43,12 @@ class CompiledLoop(Loop):
         return True
 
     def check_engine(self) -> None:
-        """Raise ValueError for a filter that is not compiled, if the engine is insisted on."""
+        """Raise ValueError for a filter that cannot be compiled, if compilation is required."""
         if self.insist:
             self.setup.method()
 
     def prepare(self, record: Record, generators: Generators) -> None:
-        """Trace and compile, or find it compiled."""
+        """Trace and compile, or find the code compiled earlier."""
         if not self._programs and (given := self._given(record, generators)) is not None:
             self._built(given.shape, smooth=False)
 
@@ -83,7 +83,7 @@ class CompiledLoop(Loop):
         return pair
 
     def _given(self, record: Record, generators: Generators) -> Given | None:
-        """The record as compiled code takes it; None if there is none for this filter."""
+        """The record in the form that compiled code takes; None if this filter has none."""
         try:
             return Given(self.setup, record, generators, self.lanes)
         except ValueError:
@@ -98,7 +98,7 @@ class CompiledLoop(Loop):
         return {}
 
     def _built(self, shape: Shape, smooth: bool) -> FilterProgram | None:
-        """The program for data of this shape; None if the models are refused, and that is no error."""
+        """The program for data of this shape; None if the models cannot be traced and that is no error."""
         if (shape, smooth) not in self._programs:
             try:
                 self._programs[shape, smooth] = FilterProgram(self.setup, shape, smooth)
@@ -124,16 +124,16 @@ class CompiledLoop(Loop):
 def untraceable(refusal: UntraceableError, insist: bool) -> None:
     """Say that models are refused: as an error if compiled code is insisted on."""
     if insist:
-        raise UserError(f"engine=compiled cannot trace {refusal}; take engine=numpy") from refusal
-    log.info("engine=numpy, since models cannot be traced: %s", refusal)
+        raise UserError(f"engine=compiled cannot trace {refusal}; set engine=numpy") from refusal
+    log.info("engine=numpy, because the models cannot be traced: %s", refusal)
 
 
 def no_compiler(error: ImportError | OSError, insist: bool) -> None:
     """Say that the compiler cannot be loaded: as an error if compiled code is insisted on."""
     reason = f"llvmlite cannot be loaded ({' '.join(str(error).split())})"
     if insist:
-        raise UserError(f"engine=compiled: {reason}; install it anew, or take engine=numpy") from error
-    log.warning("engine=numpy, since %s", reason)
+        raise UserError(f"engine=compiled: {reason}; reinstall it, or set engine=numpy") from error
+    log.warning("engine=numpy, because %s", reason)
 
 
 def _nothing() -> None:

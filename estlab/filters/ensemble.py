@@ -1,4 +1,4 @@
-"""The ensemble Kalman filter: a belief as a few dozen states, moved one by one and corrected together."""
+"""The ensemble Kalman filter: a belief as a few dozen states, moved individually and corrected together."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from estlab.models.contract import Motion, Sensor
 
 
 class Members(NamedTuple):
-    """Members (n, members, runs), and the generators they are perturbed from."""
+    """Members (n, members, runs), and the generators of their perturbations."""
 
     points: Array
     generators: Generators
@@ -34,8 +34,8 @@ class Members(NamedTuple):
 class EnsembleFilter(Filter[Members]):
     """The stochastic ensemble Kalman filter, with perturbed readings. Burgers, van Leeuwen and Evensen 1998.
 
-    members: >= 2, and more than the state has components if the covariance is to be definite.
-    inflation: >= 1, by which the members are spread about their mean after each prediction.
+    members: >= 2, and more than the number of components of the state for a definite covariance.
+    inflation: >= 1, the factor by which members spread about their mean after each prediction.
     """
 
     members: int

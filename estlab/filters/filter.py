@@ -1,4 +1,4 @@
-"""What every filter answers."""
+"""The contract of every filter."""
 
 from abc import ABC, abstractmethod
 from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
@@ -17,12 +17,14 @@ Prior = Gaussian | Uniform
 
 
 class Innovation(NamedTuple):
-    """How far a reading lies from what was predicted, in units of what the filter expects.
+    """How far a reading lies from its prediction, in units of what the filter expects.
 
     whitened: (m, runs) the innovation divided by the lower factor of its covariance: independent standard normals if
-    all is as the filter assumes, their squares summing to the NIS; NaN where nothing was measured or it was gated.
-    log_scale: (m, runs) the logarithm of that factor's diagonal, which sums to half the log-determinant; NaN likewise.
-    gated: (runs,) whether the reading was refused as an outlier.
+    the filter's assumptions hold; their squares sum to the NIS. NaN where nothing was measured or the reading was
+    gated.
+    log_scale: (m, runs) the logarithm of that factor's diagonal, which sums to half the log-determinant; NaN
+    likewise.
+    gated: (runs,) whether the reading was rejected as an outlier.
     """
 
     whitened: Array
@@ -31,14 +33,14 @@ class Innovation(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """That a covariance is a sample's: (runs,) of how many states, and what it is times of the unbiased one."""
+    """A sample covariance: (runs,) the number of states, and the factor between it and the unbiased covariance."""
 
     size: Array
     scale: Array
 
 
 class Cloud(NamedTuple):
-    """A sample of the points that stand for a belief: points (n, S, runs), weights (S, runs) that sum to one."""
+    """A sample of the points of a belief: points (n, S, runs), weights (S, runs) that sum to one."""
 
     points: Array
     weights: Array
@@ -47,9 +49,9 @@ class Cloud(NamedTuple):
 def innovation_of(whitened: Array, factor: Array, missing: Array, gate: float | None) -> Innovation:
     """The innovation of a reading, whitened, and the factor (m, m, runs) that whitened it.
 
-    missing: (m, runs) what of the reading was not measured.
-    gate: the share of right readings that pass; a reading whose NIS lies beyond that quantile is refused. None lets all
-    pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
+    missing: (m, runs) the parts of the reading that were not measured.
+    gate: the share of correct readings that pass; a reading whose NIS exceeds that quantile is rejected. None lets
+    all pass. Bar-Shalom, Li and Kirubarajan 2001, section 10.4.
     """
     every = range(whitened.shape[0])
     log_scale = np.log(factor[every, every])
@@ -65,7 +67,7 @@ def innovation_of(whitened: Array, factor: Array, missing: Array, gate: float | 
 
 
 def chi_square_quantile(share: float, freedom: Array) -> Array:
-    """What a chi-square of these degrees of freedom stays below with this probability; infinite for no freedom."""
+    """The quantile of a chi-square with these degrees of freedom at this probability; infinite for no freedom."""
     from scipy.special import gammaincinv
 
     return np.where(freedom > 0, 2.0 * gammaincinv(0.5 * np.maximum(freedom, 1), share), np.inf)
@@ -75,7 +77,7 @@ class Belief(Protocol):
     """What a filter carries for a batch of runs."""
 
     def take(self, runs: Array) -> Self:
-        """The belief in some of the runs, by their place in the batch."""
+        """The belief in some of the runs, by their index in the batch."""
 
     def replaced(self, runs: Array, part: Self) -> Self:
         """The belief with those of some runs replaced."""
@@ -110,11 +112,11 @@ class Filter(ABC, Generic[B]):
         return Traits()
 
     def check(self, motion: Motion, sensor: Sensor) -> None:
-        """Raise ValueError, naming the key, if the filter is not defined for these models."""
+        """Raise ValueError that names the key if the filter is not defined for these models."""
 
     @abstractmethod
     def start(self, prior: Prior, generators: Generators) -> B:
-        """The belief before the first step. generators: the filter's own, one a run."""
+        """The belief before the first step. generators: the filter's own, one per run."""
 
     @abstractmethod
     def predict(self, motion: Motion, belief: B, control: Array, dt: float) -> B:
@@ -126,22 +128,22 @@ class Filter(ABC, Generic[B]):
 
     @abstractmethod
     def update(self, sensor: Sensor, belief: B, reading: Array, landmark: Array) -> tuple[B, Innovation]:
-        """The belief given a reading (m, runs) about landmarks (p, runs). A NaN in the reading was not measured."""
+        """The belief given a reading (m, runs) about landmarks (p, runs). NaN in the reading means not measured."""
 
     @abstractmethod
     def moments(self, belief: B, motion: Motion) -> Gaussian:
         """Mean (n, runs) and covariance (n, n, runs) of a belief."""
 
     def sample(self, belief: B) -> Sample | None:
-        """The sample whose covariance :meth:`moments` gives; None where it is computed, not sampled."""
+        """The sample whose covariance :meth:`moments` returns; None if the covariance is computed, not sampled."""
         return None
 
     def cloud(self, belief: B, runs: int) -> Cloud | None:
-        """A sample of the points of the first runs; None where a belief is no cloud."""
+        """A sample of the points of the first runs; None if a belief is no cloud."""
         return None
 
     def notes(self, belief: B) -> dict[str, Array]:
-        """Further numbers (runs,) to keep of each step, by name, such as the effective sample size."""
+        """Further numbers (runs,) to store for each step, by name, such as the effective sample size."""
         return {}
 
 

@@ -22,10 +22,10 @@ Noise = Literal["additive", "augmented"]
 class GaussianFilter(Filter[Gaussian]):
     """Predict and update a Gaussian belief. Saerkkae 2013, chapter 6: the moment-matching filter.
 
-    transform: how a belief goes through a model; this alone makes it an EKF, UKF or CKF.
-    noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends the state
-    alone and adds their covariances, linearised in the process noise.
-    gate: the share of right readings that pass, such as 0.999; see :func:`estlab.filters.filter.innovation_of`.
+    transform: how a belief goes through a model; this is the only difference between EKF, UKF and CKF.
+    noise: ``augmented`` sends the noises through the models with the state; ``additive`` sends only the state and
+    adds their covariances, linearised in the process noise.
+    gate: the share of correct readings that pass, such as 0.999; see :func:`estlab.filters.filter.innovation_of`.
     """
 
     transform: Transform
@@ -56,7 +56,7 @@ class GaussianFilter(Filter[Gaussian]):
         return Gaussian(motion.space.wrapped(moments.mean), moments.cov)
 
     def propagate(self, motion: Motion, belief: Gaussian, control: Array, dt: float) -> Moments:
-        """The prediction with its cross-covariance to the state before, which a smoother needs."""
+        """The prediction with its cross-covariance to the previous state, which a smoother needs."""
         moments = self._propagated(motion, belief, control, dt, crossed=True)
         return moments._replace(mean=motion.space.wrapped(moments.mean))
 
@@ -74,7 +74,7 @@ class GaussianFilter(Filter[Gaussian]):
         return self.condition(sensor, belief, self.predicted(sensor, belief, landmark), reading, self.gate)
 
     def predicted(self, sensor: Sensor, belief: Gaussian, landmark: Array) -> Moments:
-        """Mean and covariance of the reading to come, noise included, and its cross-covariance with the state."""
+        """Mean and covariance of the next reading, noise included, and its cross-covariance with the state."""
         if self.noise == "augmented":
             n = belief.mean.shape[0]
             joint = self.transform(sensor.joint_function(landmark, n), belief.joined(sensor.noise_cov))
@@ -112,7 +112,7 @@ class GaussianFilter(Filter[Gaussian]):
 
 @dataclass(frozen=True)
 class DeadReckoning(GaussianFilter):
-    """Prediction alone: what the commands say, with no reading used. The baseline of every other filter."""
+    """Prediction only: uses the commands and no readings. The baseline for every other filter."""
 
     @property
     def traits(self) -> Traits:
@@ -125,7 +125,8 @@ class DeadReckoning(GaussianFilter):
 
 @dataclass(frozen=True)
 class IteratedFilter(GaussianFilter):
-    """The update repeated, the sensor linearised about the estimate it gave: Gauss-Newton. Bell and Cathey 1993.
+    """The update repeated, with the sensor relinearised about the latest estimate: Gauss-Newton. Bell and Cathey
+    1993.
 
     iterations: >= 1 linearisations; 1 is the EKF. The innovation is that of the first, about the prediction.
     """
@@ -143,7 +144,7 @@ class IteratedFilter(GaussianFilter):
         for _ in range(self.iterations - 1):
             offset = sensor.state.minus(belief.mean, found.mean)
             moments = Linearised().about(sensor.function(landmark), belief, found.mean, offset)
-            # What passed the gate once is not asked again.
+            # A reading that passed the gate is not tested again.
             again, _ = self.condition(sensor, belief, moments._replace(cov=moments.cov + noise_cov), reading, None)
             mean = np.where(first.gated, found.mean, again.mean)
             found = Gaussian(mean, np.where(first.gated, found.cov, again.cov))
@@ -185,7 +186,7 @@ def unscented(
 ) -> GaussianFilter:
     """The unscented Kalman filter. Van der Merwe 2004, algorithms 3.1 and 3.2.
 
-    points: ``merwe``, the scaled set of alpha, beta, kappa; ``julier``, of kappa alone; ``simplex``, of none.
+    points: ``merwe``, the scaled set of alpha, beta, kappa; ``julier``, of kappa only; ``simplex``, of none.
     """
     sets: dict[str, Transform] = {"merwe": Scaled(alpha, beta, kappa), "julier": Julier(kappa), "simplex": Simplex()}
     return GaussianFilter(sets[points], noise, gate)
@@ -203,8 +204,9 @@ def _shaped(constant: Array, like: Array) -> Array:
 
 
 def _without(missing: Array, cross: Array, innovation_cov: Array, innovation: Array) -> tuple[Array, Array, Array]:
-    """The same update without the missing numbers (m, runs): they become independent of the state, with no innovation.
+    """The same update without the missing numbers (m, runs): they become independent of the state, with no
+    innovation.
 
-    Exactly the update with the rows left out, yet of one shape for all runs.
+    Exactly the update with those rows removed, but with one shape for all runs.
     """
     return np.where(missing, 0.0, cross), without(innovation_cov, missing), np.where(missing, 0.0, innovation)

@@ -1,4 +1,4 @@
-"""A record as compiled code takes it."""
+"""A record in the form that compiled code takes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +21,7 @@ _BEYOND_CACHES = 16 * 2**20
 
 @dataclass(frozen=True)
 class FilterSetup:
-    """A filter with its models, and what to do with several readings at one time: see estlab.filters.loop.Loop."""
+    """A filter with its models, and how it uses several readings at one time: see estlab.filters.loop.Loop."""
 
     filter: AnyFilter
     motion: Motion
@@ -30,12 +30,12 @@ class FilterSetup:
     pause: float
 
     def method(self) -> Method:
-        """The filter, by what its steps do. Raises ValueError for one that is not compiled, or not with this scheme."""
+        """The filter, described by its steps. Raises ValueError if it cannot be compiled, or not with this scheme."""
         method = method_of(self.filter, self.motion, self.sensor)
         if self.scheme == "stacked" and method.augmented and method.transform == "points":
             raise ValueError(
-                "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings "
-                "there are; take engine=numpy"
+                "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on "
+                "the number of readings; set engine=numpy"
             )
         return method
 

@@ -1,4 +1,4 @@
-"""A filter over the time line of a record."""
+"""Runs a filter over the time line of a record."""
 
 from collections.abc import Callable
 from typing import Any, Literal
@@ -15,15 +15,15 @@ from estlab.record import Estimates, Record
 
 Scheme = Literal["sequential", "stacked", "interleaved"]
 
-_CLOUDS = 6  # moments at which clouds are kept
+_CLOUDS = 6  # moments at which clouds are stored
 
 
 class Loop:
     """Predict to each time, then update with the readings taken there.
 
-    scheme: what to do with several readings at one time: one after another, as one long reading, or one after another
-    with a prediction of ``pause`` [s] at zero command between.
-    A Gaussian belief that stops being one becomes NaN and stays so; the other runs go on.
+    scheme: how to use several readings at one time: one after another, as one long reading, or one after another with
+    a prediction of ``pause`` [s] at zero command between them.
+    A Gaussian belief that stops being one becomes NaN and stays NaN; the other runs continue.
     """
 
     def __init__(
@@ -32,38 +32,36 @@ class Loop:
         self.filter, self.motion, self.sensor, self.scheme, self.pause = filter, motion, sensor, scheme, pause
 
     def check(self) -> None:
-        """Raise ValueError, naming the filter's key, if filter and models do not go together."""
+        """Raise ValueError that names the filter's key if filter and models do not fit together."""
         check_traits(self.filter)
         self.filter.check(self.motion, self.sensor)
         if self.scheme == "stacked" and self.filter.traits.gate is not None:
-            raise ValueError(
-                "gate would refuse all of a time's readings for one; take scenario.update=sequential with it"
-            )
+            raise ValueError("gate would reject all readings of a time because of one; set scenario.update=sequential")
 
     @property
     def compiles(self) -> bool:
-        """Whether the filter's steps are to become machine code, if its models allow it."""
+        """Whether to compile the filter's steps to machine code, if its models allow it."""
         return False
 
     def check_engine(self) -> None:
-        """Raise ValueError if what the loop runs on is not for this filter; NumPy is for all."""
+        """Raise ValueError if the engine does not support this filter; NumPy supports all."""
 
     def prepare(self, record: Record, generators: Generators) -> None:
-        """Do now what is to be done once, and is no part of a filter's cost; NumPy needs nothing."""
+        """One-time preparation that is no part of a filter's cost; NumPy needs none."""
 
     def check_smoother(self) -> None:
         """Raise ValueError if there is no smoother for this filter and scheme."""
         if not self.filter.traits.smooths:
-            raise ValueError("the smoother is that of the Gaussian family (ekf, ukf, ckf, ...), not of this filter")
+            raise ValueError("this filter has no smoother; use one of the Gaussian family (ekf, ukf, ckf, ...)")
         if self.scheme == "interleaved":
-            raise ValueError("the smoother knows no prediction between readings; take another scenario.update")
+            raise ValueError("the smoother does not support predictions between readings; set another scenario.update")
 
     def estimate(
         self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None, watched: int = 0
     ) -> Estimates:
         """The belief after each step. generators: the filter's own. on_step: called after every step.
 
-        watched: of how many of the first runs the cloud is kept at some steps, if the belief is one.
+        watched: the number of first runs whose cloud is stored at some steps, if the belief is one.
         """
         if record.runs == 1 and self.filter.traits.single and self.scheme != "stacked":
             return self._alone(record, generators, on_step)
@@ -72,7 +70,7 @@ class Loop:
     def estimate_and_smooth(
         self, record: Record, generators: Generators, on_step: Callable[[], None] = lambda: None
     ) -> tuple[Estimates, Estimates]:
-        """The belief after each step, and what it is in the light of all readings."""
+        """The belief after each step, and the belief given all readings."""
         links: list[Link | None] = []
         filtered = self._forward(record, generators, on_step, links)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -99,7 +97,7 @@ class Loop:
         bounds = record.readings.bounds(steps)
         has = np.asarray(~np.isnan(record.readings.values).all(axis=0))
         belief = self.filter.start(record.prior, generators)
-        # NaN is how a run says that it diverged, so the arithmetic that carries it is not worth a warning.
+        # NaN marks a run that diverged, so the arithmetic that carries it is not worth a warning.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for k in range(steps):
                 belief, link = self._predict(belief, record.control[:, k], float(lapse[k]), links is not None)
@@ -123,9 +121,9 @@ class Loop:
         return Estimates(mean, cov, whitened, log_scale, sample, notes, self.filter.traits.gate, arrays)
 
     def _alone(self, record: Record, generators: Generators, on_step: Callable[[], None]) -> Estimates:
-        """Of a single run and a Gaussian belief: no array has the axis of runs, so that models work on plain numbers.
+        """For a single run and a Gaussian belief: no array has the axis of runs, so models work on plain numbers.
 
-        The arithmetic is that of many runs, number for number.
+        The arithmetic equals that of many runs, number for number.
         """
         steps, n, filter = record.time.size, self.motion.space.size, self.filter
         mean, cov, gated = np.empty((steps, n)), np.empty((steps, n, n)), np.zeros(steps)
@@ -173,9 +171,9 @@ class Loop:
     def _update(
         self, belief: Belief, record: Record, taken: slice, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
-        """Take in a step's readings, store their innovations, and count the gated of each run.
+        """Use a step's readings, store their innovations, and count the gated readings of each run.
 
-        has: (readings, runs), which run has which; it takes no part in a reading that it does not have.
+        has: (readings, runs), which run has which; a run without a reading is not updated.
         """
         values, landmark_number = record.readings.values[:, taken], record.readings.landmark_number[taken]
         if self.scheme == "stacked":
@@ -185,7 +183,7 @@ class Loop:
         at_rest = np.zeros((record.control.shape[0], 1))
         for i in np.flatnonzero(has.any(axis=1)):
             everyone = has[i].all()
-            # All runs are a slice, of which NumPy makes no copy.
+            # A slice selects all runs, because NumPy does not copy for it.
             runs: Any = slice(None) if everyone else np.flatnonzero(has[i])
             part = belief if everyone else belief.take(runs)
             if self.scheme == "interleaved" and i > 0:
@@ -200,7 +198,7 @@ class Loop:
     def _stacked(
         self, belief: Belief, values: Array, landmark_number: Array, has: Array, whitened: Array, log_scale: Array
     ) -> tuple[Belief, Array]:
-        """All of a run's readings as one, for the runs of each number of readings in turn."""
+        """All of a run's readings as one, separately for the runs with each number of readings."""
         gated, counts = np.zeros(has.shape[1]), has.sum(axis=0)
         for count in np.unique(counts[counts > 0]):
             runs = np.flatnonzero(counts == count)
@@ -209,7 +207,7 @@ class Loop:
             long = np.take_along_axis(values[:, :, runs], slots[None], axis=1).swapaxes(0, 1).reshape(-1, runs.size)
             part, innovation = self.filter.update(self.sensor.times(int(count)), belief.take(runs), long, landmarks)
             belief = belief.replaced(runs, part)
-            # With a triangular factor, the parts of a long innovation are those of its readings taken in turn.
+            # With a triangular factor, the parts of a long innovation equal those of its readings used in turn.
             for room, parts in ((whitened, innovation.whitened), (log_scale, innovation.log_scale)):
                 room[:, slots, runs] = parts.reshape(count, -1, runs.size).swapaxes(0, 1)
             gated[runs] += innovation.gated
@@ -217,7 +215,7 @@ class Loop:
 
 
 def cloud_steps(steps: int) -> list[int]:
-    """The steps at which clouds are kept: the first, the last, and each as many times as late as the one before."""
+    """The steps at which clouds are stored: the first, the last, and steps between them in geometric progression."""
     kept: list[int] = []
     for step in np.rint(np.geomspace(1, steps, _CLOUDS)):
         kept.append(max(int(step) - 1, len(kept) and kept[-1] + 1))

@@ -15,14 +15,14 @@ from estlab.maths.space import Array, Space
 from estlab.maths.streams import Generators
 from estlab.models.contract import Motion, Sensor
 
-_SAMPLED = 200  # particles of a run that are kept of a cloud
+_SAMPLED = 200  # particles of a run that are stored of a cloud
 
 
 class Particles(NamedTuple):
-    """A cloud (n, N, runs) with its weights; where it began, and its generators.
+    """A cloud (n, N, runs) with its weights; its origin, and its generators.
 
-    lost: (runs,) how often all weights were lost since the last prediction.
-    last: the prediction that made the points. fresh: (runs,) whether no reading has come since.
+    lost: (runs,) how often all weights vanished since the last prediction.
+    last: the prediction that made the points. fresh: (runs,) whether there was no reading since.
     """
 
     points: Array
@@ -51,19 +51,19 @@ class Particles(NamedTuple):
 
 @dataclass(frozen=True)
 class ParticleFilter(Filter[Particles]):
-    """Predict by drawing, update by weighing, resample when few weights are left. Gordon, Salmond and Smith 1993.
+    """Predict by sampling, update by weighting, resample when few weights are left. Gordon, Salmond and Smith 1993.
 
-    particles: how many. resampling: by which scheme. threshold: resample when the effective sample size is below this
-    share of them, at the next prediction, so that estimates are of the weighted cloud.
+    particles: their number. resampling: the scheme. threshold: resample when the effective sample size is below this
+    share of them, at the next prediction, so that estimates come from the weighted cloud.
     roughening: >= 0, noise after resampling as a share of the cloud's range times N^(-1/n); Gordon et al., section 4.
-    injection: share of the particles drawn anew from the prior at each resampling.
-    bandwidth: >= 0, kernel noise after resampling as a multiple of the width that is best for a Gaussian cloud;
-    Musso, Oudjane and Le Gland 2001, section 12.2.3, with the shrinkage of Liu and West 2001, section 10.3.2.
-    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction fits the
-    reading; Pitt and Shephard 1999.
-    recovery: what to do when every log-weight is -inf, as where a reading or a model is not finite: ``flatten`` forgets
-    the reading, ``redraw`` begins again from the prior. However small, a likelihood is none of these: the particle
-    nearest the reading then has all the weight.
+    injection: share of the particles drawn from the prior at each resampling.
+    bandwidth: >= 0, kernel noise after resampling as a multiple of the optimal width for a Gaussian cloud; Musso,
+    Oudjane and Le Gland 2001, section 12.2.3, with the shrinkage of Liu and West 2001, section 10.3.2.
+    ancestors: ``bootstrap`` keeps each particle's own; ``auxiliary`` chooses those whose noiseless prediction matches
+    the reading; Pitt and Shephard 1999.
+    recovery: what to do when every log-weight is -inf, for example because a reading or a model is not finite:
+    ``flatten`` ignores the reading, ``redraw`` starts again from the prior. A small likelihood is not such a case:
+    the particle closest to the reading then has all the weight.
     """
 
     particles: int
@@ -107,8 +107,10 @@ class ParticleFilter(Filter[Particles]):
         weighed = belief._replace(weights=weights)
         fresh = np.flatnonzero(belief.fresh)
         if self.ancestors == "auxiliary" and belief.last is not None and fresh.size:
-            part = self._with_chosen_ancestors(sensor, belief.take(fresh), reading[:, fresh], own(landmark, fresh))
-            weighed = weighed.replaced(fresh, part)
+            everyone = fresh.size == belief.fresh.size  # as a rule, and then nothing is copied
+            some = belief if everyone else belief.take(fresh)
+            part = self._with_chosen_ancestors(sensor, some, reading[:, fresh], own(landmark, fresh))
+            weighed = part if everyone else weighed.replaced(fresh, part)
         vanished = weighed.weights.vanished
         points = weighed.points
         if self.recovery == "redraw" and vanished.any():
@@ -143,7 +145,7 @@ class ParticleFilter(Filter[Particles]):
         if self.roughening > 0.0:
             before = cloud.take(belief.points, few)
             about = cloud.mean(motion.space, before, weights)[:, None]
-            wide = np.ptp(motion.space.minus(before, about), axis=1)[:, None]  # round the mean: a heading has no ends
+            wide = np.ptp(motion.space.minus(before, about), axis=1)[:, None]  # about the mean: a heading has no ends
             chosen = chosen + self.roughening * wide * self.particles ** (-1.0 / n) * generators.normals(
                 chosen.shape[:2]
             )
@@ -151,8 +153,8 @@ class ParticleFilter(Filter[Particles]):
             moments = self._moments(motion.space, cloud.take(belief.points, few), weights, generators)
             best = (4.0 / ((n + 2.0) * self.particles)) ** (1.0 / (n + 4.0))
             width = min(self.bandwidth * best, 1.0)
-            # Drawn toward the mean by as much as the kernel spreads, so that the covariance stays. A cloud in one
-            # point has no width to smooth by.
+            # Shrunk toward the mean by as much as the kernel spreads, so that the covariance stays the same. A cloud
+            # in one point has no width to smooth by.
             about = moments.mean[:, None]
             kernel = cloud.combined(np.nan_to_num(cholesky(moments.cov), nan=0.0), generators.normals(chosen.shape[:2]))
             chosen = about + np.sqrt(1.0 - width**2) * motion.space.minus(chosen, about) + width * kernel
@@ -166,7 +168,7 @@ class ParticleFilter(Filter[Particles]):
         )
 
     def _with_chosen_ancestors(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> Particles:
-        """Ancestors drawn by how their noiseless prediction fits, moved with the noise and weighed for the choice."""
+        """Ancestors drawn by the fit of their noiseless prediction and moved with noise; weights correct for this."""
         last = belief.last
         if last is None:
             return belief
@@ -175,10 +177,11 @@ class ParticleFilter(Filter[Particles]):
         likelihood = self._likelihood(sensor, guess, reading, landmark)
         first_stage = self._weights(belief.weights.log + likelihood).linear
         chosen = self._chosen(first_stage, belief.generators)
-        before = cloud.chosen(last.before, np.arange(chosen.shape[1]), chosen)
+        every = np.arange(chosen.shape[1])
+        before = cloud.chosen(last.before, every, chosen)
         moved = belief._replace(points=self._moved(last._replace(before=before), belief.generators), weights=even)
         second = self._likelihood(sensor, moved, reading, landmark)
-        return moved._replace(weights=self._weights(second - np.take_along_axis(likelihood, chosen, axis=0)))
+        return moved._replace(weights=self._weights(second - cloud.chosen(likelihood[None], every, chosen)[0]))
 
     def _after(self, belief: Particles, step: Step) -> Particles:
         """The belief after a step that made its points."""
@@ -190,7 +193,7 @@ class ParticleFilter(Filter[Particles]):
     def _drawn(
         self, motion: Motion, points: Array, control: Array, dt: float, generators: Generators
     ) -> tuple[Array, Step]:
-        """The points (n, N, runs) after a step whose noise is drawn; and the step."""
+        """The points (n, N, runs) after a step with random noise; and the step."""
         step = Step.drawn(motion, points, control, dt, generators)
         return self._moved(step, generators), step
 
@@ -201,7 +204,7 @@ class ParticleFilter(Filter[Particles]):
     def _weighed(
         self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array
     ) -> tuple[Weights, Innovation]:
-        """The weights given a reading, and how far it lies from what the belief expects."""
+        """The weights given a reading, and the reading that the belief expects."""
         logs, expected = self._looked(sensor, belief, reading, landmark)
         return self._weights(logs), _innovation(sensor, expected, reading)
 
@@ -210,7 +213,7 @@ class ParticleFilter(Filter[Particles]):
         return self._looked(sensor, belief, reading, landmark)[0]
 
     def _looked(self, sensor: Sensor, belief: Particles, reading: Array, landmark: Array) -> tuple[Array, Gaussian]:
-        """The same, and what reading the belief expects."""
+        """Log-weights (N, runs) with log p(reading | point), up to a constant; and the expected reading."""
         count, runs = belief.weights.log.shape
         m, whitening = sensor.space.size, whitening_of(sensor, reading)
         logs, mean, cov = cloud.empty(1, count, runs)[0], np.empty((m, runs)), np.empty((m, m, runs))
@@ -222,7 +225,7 @@ class ParticleFilter(Filter[Particles]):
         return logs, Gaussian(mean, cov)
 
     def _weights(self, logs: Array) -> Weights:
-        """Those with these logarithms (N, runs) but for a factor. The array is taken over."""
+        """Weights with these logarithms (N, runs), up to a factor. Reuses the array."""
         return Weights.of_logs(logs)
 
     def _moments(self, space: Space, points: Array, weights: Array, generators: Generators) -> Gaussian:
@@ -237,7 +240,7 @@ class ParticleFilter(Filter[Particles]):
 def whitening_of(sensor: Sensor, reading: Array) -> Array:
     """What turns differences from a reading (m, runs) into numbers whose squares sum to -log p; (m, m, runs or 1).
 
-    A missing number says nothing.
+    A missing number carries no information.
     """
     missing = np.isnan(reading)
     factor = cholesky(without(sensor.noise_cov, missing) if missing.any() else sensor.noise_cov[..., None])
@@ -246,7 +249,7 @@ def whitening_of(sensor: Sensor, reading: Array) -> Array:
 
 
 class _Look(NamedTuple):
-    """A reading (m, runs), what it is about, and what turns a difference from it into independent numbers."""
+    """A reading (m, runs), its landmark, and the factor that whitens a difference from it."""
 
     sensor: Sensor
     reading: Array
@@ -254,7 +257,7 @@ class _Look(NamedTuple):
     whitening: Array
 
     def at(self, points: Array) -> tuple[Array, Array]:
-        """The readings (m, N, runs) that points would give, and how far each is from this one, -log p (N, runs)."""
+        """The readings (m, N, runs) that points would give, and their distance from this one, -log p (N, runs)."""
         _, count, runs = points.shape
         expected, squares = cloud.empty(len(self.reading), count, runs), cloud.empty(1, count, runs)[0]
         missing = np.isnan(self.reading)[:, None]
@@ -273,7 +276,7 @@ class _Look(NamedTuple):
 
 
 def _innovation(sensor: Sensor, expected: Gaussian, reading: Array) -> Innovation:
-    """How far a reading lies from what the weighted cloud expected."""
+    """How far a reading lies from the expectation of the weighted cloud."""
     missing = np.isnan(reading)
     innovation = np.where(missing, 0.0, sensor.space.minus(reading, expected.mean))
     factor = cholesky(without(expected.cov + sensor.noise_cov[..., None], missing))

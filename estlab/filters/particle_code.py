@@ -1,4 +1,4 @@
-"""The programs that go over clouds, called on arrays; and the streams that they draw from."""
+"""The programs of clouds, called on arrays; and the streams that they draw from."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -159,7 +159,7 @@ class CompiledGenerators(Generators):
         """The streams where they stand, which stay there. Raises ValueError if code and NumPy draw differently."""
         state = numpy_streams.states(list(generators))
         if not code.agrees:
-            raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; take engine=numpy")
+            raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; set engine=numpy")
         return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
 
     def take(self, runs: Array | slice) -> "CompiledGenerators":

@@ -46,7 +46,7 @@ class ParticleLoop(Loop):
         """Raise ValueError for states too large to be unrolled, if the engine is insisted on."""
         if self.insist and not self.compiles:
             n = self.motion.space.size
-            raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; take engine=numpy")
+            raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
 
     def prepare(self, record: Record, generators: Generators) -> None:
         """Trace and compile, or find it compiled: by the first step in which a run has a reading, for that run."""
@@ -81,19 +81,15 @@ class ParticleLoop(Loop):
         if self._refused:
             return None
         try:
-            if (streams := self._streams(generators)) is None:
-                return None
-            code = streams.code
-            loop = Loop(
-                CompiledParticleFilter.of(self.particle_filter, code), self.motion, self.sensor, self.scheme, self.pause
-            )
-            estimates = loop.estimate(record, streams, on_step, watched)
+            if (streams := self._streams(generators)) is not None:
+                filter = CompiledParticleFilter.of(self.particle_filter, streams.code)
+                loop = Loop(filter, self.motion, self.sensor, self.scheme, self.pause)
+                estimates = loop.estimate(record, streams, on_step, watched)
+                return estimates, np.flatnonzero(streams.flags.any(axis=1))
         except UntraceableError as refusal:
             untraceable(refusal, self.insist)
         except (ImportError, OSError) as error:
             no_compiler(error, self.insist)
-        else:
-            return estimates, np.flatnonzero(streams.flags.any(axis=1))
         self._refused = True
         return None
 
@@ -106,7 +102,7 @@ class ParticleLoop(Loop):
         except ValueError as error:
             if self.insist:
                 raise UserError(f"engine=compiled: {error}") from error
-            log.info("engine=numpy, since %s", error)
+            log.info("engine=numpy, because %s", error)
             return None
 
 

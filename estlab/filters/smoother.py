@@ -1,4 +1,4 @@
-"""The Rauch-Tung-Striebel smoother for the Gaussian family: what later readings say of earlier states."""
+"""The Rauch-Tung-Striebel smoother for the Gaussian family: estimates of earlier states from later readings."""
 
 from typing import NamedTuple
 
@@ -30,8 +30,8 @@ class Link(NamedTuple):
 def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> tuple[Array, Array]:
     """Smoothed mean (n, T, runs) and cov (n, n, T, runs) from the filtered ones.
 
-    links[k]: the prediction that led to step k, None where no time passed. Saerkkae 2013, section 9.1: the gain is
-    C P^-1 with C the cross-covariance of the state before and after, by whatever transform made it.
+    links[k]: the prediction that led to step k, None if no time passed. Saerkkae 2013, section 9.1: the gain is C
+    P^-1 with C the cross-covariance of the state before and after, from any transform.
     """
     smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
     later = Gaussian(mean[:, -1], cov[:, :, -1])
@@ -48,7 +48,7 @@ def smooth(space: Space, links: list[Link | None], mean: Array, cov: Array) -> t
 
 
 def _smoother_gain(after: Moments) -> Array:
-    """C P^-1 (n, n, runs). Where P is singular so is C, and any generalised inverse will do."""
+    """C P^-1 (n, n, runs). Where P is singular so is C, and any generalised inverse gives the same result."""
     factor = cholesky(after.cov)
     # C P^-1 = (L^-T L^-1 C')' with P = L L'
     smoother_gain = transpose(solve_lower_transposed(factor, solve_lower(factor, transpose(after.cross))))

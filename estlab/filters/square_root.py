@@ -1,4 +1,4 @@
-"""Sigma-point filters that carry a factor of the covariance, which cannot lose its sign."""
+"""Sigma-point filters that carry a factor of the covariance, so that it cannot lose its sign."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -65,7 +65,7 @@ class SquareRootFilter(Filter[Root]):
         centre = 1.0 - self.transform.weights(n).sum()
         if self.transform.weights(n).min() < 0.0 or centre + self.transform.bonus() < -1e-12:
             raise ValueError(
-                "alpha, beta and kappa give a point a negative weight, which no square root has; raise alpha or beta"
+                "alpha, beta and kappa give a point a negative weight, which has no square root; raise alpha or beta"
             )
 
     def start(self, prior: Prior, generators: Generators) -> Root:
@@ -92,7 +92,7 @@ class SquareRootFilter(Filter[Root]):
         found = innovation_of(whitened, factor, missing, self.gate)
         kalman_gain = np.where(found.gated, 0.0, kalman_gain)
         step = matvec(kalman_gain, innovation)
-        # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, all of it sums of squares.
+        # (X - K Z)(X - K Z)' + K R K' is the covariance of the update, a sum of squares.
         rest = triangle(np.concatenate([of_state - matmul(kalman_gain, of_value), matmul(kalman_gain, noise)], axis=1))
         updated = Root(sensor.state.plus(belief.mean, step), np.where(found.gated, belief.factor, rest))
         return updated, found
@@ -107,7 +107,7 @@ class SquareRootFilter(Filter[Root]):
         weights = self.transform.weights(belief.mean.shape[0]).reshape(-1, 1)
         shift = summed(weights * of_value, 1)
         root = np.sqrt(weights)
-        # The centre's column: it does not move in the state, and lies -shift from the mean.
+        # The centre's column: it does not move in the state, and lies at -shift from the mean.
         centre = np.sqrt(max(1.0 - float(weights.sum()) + self.transform.bonus(), 0.0))
         still = np.zeros_like(of_state[:, :1])
         columns = np.concatenate([root * (of_value - shift[:, None]), -centre * shift[:, None]], axis=1)

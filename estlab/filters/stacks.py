@@ -1,4 +1,4 @@
-"""Readings in the shape that compiled code takes them in: one at a time, or all of a step's as one."""
+"""Readings in the shape that compiled code takes: one at a time, or all readings of a step as one."""
 
 from dataclasses import dataclass
 
@@ -12,8 +12,8 @@ from estlab.record import Readings
 class Stack:
     """Readings of ``count`` slots each.
 
-    step: (K,). values: (count * m, K, runs), NaN where a slot is empty. landmark_number: (count, K, runs).
-    reading, slot: which of the stacked, and which slot, each of the original readings (N,) is in.
+    step: (K,). values: (count * m, K, runs), NaN in an empty slot. landmark_number: (count, K, runs).
+    reading, slot: the stacked reading and the slot of each of the original readings (N,).
     """
 
     count: int
@@ -24,7 +24,7 @@ class Stack:
     slot: Array
 
     def apart(self, stacked: Array) -> Array:
-        """What was found of the stacked readings (count * m, K, runs) as of the original ones (m, N, runs)."""
+        """The results for the stacked readings (count * m, K, runs), rearranged for the original ones (m, N, runs)."""
         parts = stacked.reshape(self.count, -1, *stacked.shape[1:])
         return np.moveaxis(parts[self.slot, :, self.reading], 1, 0)
 
@@ -36,7 +36,7 @@ def in_rows(array: Array) -> Array:
 
 
 def one_by_one(readings: Readings, runs: int) -> Stack:
-    """Each reading by itself, for the first runs."""
+    """Each reading separately, for the first runs."""
     every = np.arange(readings.step.size)
     values = in_rows(readings.values[:, :, :runs])
     landmark_number = np.ascontiguousarray(readings.landmark_number[None, :, :runs], dtype=np.int64)

@@ -1,4 +1,4 @@
-"""A prediction of clouds: what moves them, by which noise."""
+"""A prediction of clouds: the motion and its noise."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from estlab.models.contract import Motion
 
 
 class Step(NamedTuple):
-    """A prediction over dt [s] from the points (n, N, runs) before it, the noise being a factor times z.
+    """A prediction over dt [s] from the points (n, N, runs) before it; the noise is a factor times z.
 
     control: (c, runs or 1). factor: (q, q, runs or 1). z: (q, N, runs), standard normal.
     """
@@ -26,7 +26,7 @@ class Step(NamedTuple):
 
     @classmethod
     def drawn(cls, motion: Motion, before: Array, control: Array, dt: float, generators: Generators) -> "Step":
-        """One whose noise is drawn."""
+        """A prediction with random noise."""
         factor = cholesky(motion.noise_cov(control, dt))
         z = generators.normals((motion.noise_size, before.shape[1]))
         return cls(motion, before, control, factor if factor.ndim > 2 else factor[..., None], z, dt)
@@ -41,7 +41,7 @@ class Step(NamedTuple):
         return self._replace(z=np.zeros_like(self.z))
 
     def points(self) -> Array:
-        """The points (n, N, runs) after it."""
+        """The points (n, N, runs) after the prediction."""
         after = cloud.empty(*self.before.shape)
         for runs in cloud.groups(*after.shape[1:]):
             self.take(runs)._move(after[..., runs])
@@ -56,5 +56,5 @@ class Step(NamedTuple):
 
 
 def own(values: Array, runs: Any) -> Array:
-    """Those of some of the runs, where each has its own: values (..., runs or 1)."""
+    """The values of some of the runs, if they differ between runs: (..., runs or 1)."""
     return values if values.shape[-1] == 1 else values[..., runs]

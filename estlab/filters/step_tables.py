@@ -1,4 +1,4 @@
-"""Noises of all steps of a record, evaluated before compiled code goes over them."""
+"""The noises of all steps of a record, evaluated before compiled code runs over them."""
 
 from typing import NamedTuple
 
@@ -10,10 +10,10 @@ from estlab.models.contract import Motion
 
 
 class NoiseTable(NamedTuple):
-    """Entries of process noise covariances, or of their factors, that are not zero in all of them.
+    """Entries of process noise covariances, or of their factors, that are not always zero.
 
     positions: (i, j), j <= i, of each entry. entries: (E, K, runs or 1). which: (T,) the row for each step; the last
-    row is that of a pause between readings.
+    row belongs to a pause between readings.
     """
 
     positions: tuple[tuple[int, int], ...]
@@ -28,15 +28,15 @@ def noise_table(motion: Motion, control: Array, lapse: Array, pause: float, fact
         cov = cholesky(cov)
     i, j = np.tril_indices(motion.noise_size)
     lower = cov[i, j]
-    used = (lower != 0.0).any(axis=(1, 2))  # which NaN is
+    used = (lower != 0.0).any(axis=(1, 2))  # NaN counts as not zero
     positions = tuple(zip(i[used].tolist(), j[used].tolist(), strict=True))
     return NoiseTable(positions, np.ascontiguousarray(lower[used]), which)
 
 
 def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[Array, Array]:
-    """Process noise covariances (q, q, K, runs or 1), and which of them (T,) each step has; the last is of a pause.
+    """Process noise covariances (q, q, K, runs or 1), and the index (T,) for each step; the last is for a pause.
 
-    Steps that last as long are asked for together, as if they were runs.
+    Steps of equal duration are evaluated together, as if they were runs.
     """
     c, steps, runs = control.shape
     q = motion.noise_size
@@ -48,7 +48,7 @@ def noises(motion: Motion, control: Array, lapse: Array, pause: float) -> tuple[
         if dt <= 0.0:
             continue  # no time passes, nothing moves
         cov = motion.noise_cov(control[:, alike[0]], dt)
-        if cov.ndim > 2:  # it hangs on the command
+        if cov.ndim > 2:  # it depends on the command
             cov = motion.noise_cov(control[:, alike].reshape(c, alike.size * runs), dt)
         same = cov.ndim == 2 or cov.shape[2] == 1
         found.append(cov.reshape(q, q, 1, 1) if same else cov.reshape(q, q, alike.size, runs))

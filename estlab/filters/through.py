@@ -1,4 +1,4 @@
-"""Compiled code over a record: the program of a filter, and what it finds."""
+"""Runs compiled code over a record: a filter's program, and its results."""
 
 import copy
 import math
@@ -18,9 +18,9 @@ from estlab.record import Estimates, Readings
 
 
 class FilterProgram:
-    """Compiled code for a filter, its models and data of a shape, with its parameters.
+    """Compiled code for a filter, its models and the shape of the data, with its parameters.
 
-    Raises UntraceableError, naming function, file and line, for models that cannot be traced.
+    Raises UntraceableError that names function, file and line, for models that cannot be traced.
     """
 
     def __init__(self, setup: FilterSetup, shape: Shape, smooth: bool) -> None:
@@ -77,7 +77,7 @@ def _in_lines(shape: tuple[int, ...]) -> Array:
 
 
 class Through:
-    """A record gone through by compiled code, with what it found."""
+    """A record processed by compiled code, with its results."""
 
     def __init__(self, setup: FilterSetup, program: FilterProgram, given: Given, steps: int) -> None:
         self.program, self.stack, self.stacked = program, given.stack, setup.scheme == "stacked"
@@ -107,11 +107,11 @@ class Through:
         }  # fmt: skip
 
     def go(self, first: int, last: int) -> None:
-        """Over these steps."""
+        """Run over these steps."""
         self.program.run(self.fields | {"first": first, "last": last})
 
     def back(self, program: FilterProgram) -> "Through":
-        """What is smoothed, from the last step to the first."""
+        """Run the smoother, from the last step to the first."""
         found = copy.copy(self)
         mean, cov = self.estimates.mean.copy(), self.estimates.cov.copy()
         nothing = np.full_like(self.estimates.whitened, np.nan)
@@ -125,7 +125,7 @@ class Through:
         return found
 
     def weak(self, runs: int) -> Array:
-        """Runs in which something was beyond what the code is right for, all of them if they share a belief."""
+        """Runs that left the range in which the code is correct; all runs if they share a belief."""
         found = self.estimates
         ends = [part for k in (0, -1) for part in (found.mean[:, k], found.cov[:, :, k])]
         finite = [np.isfinite(part).all(axis=tuple(range(part.ndim - 1))) for part in ends]
@@ -133,7 +133,7 @@ class Through:
         return np.broadcast_to(weak, (runs,)) if weak.size == 1 else weak
 
     def whole(self, runs: int) -> Estimates:
-        """What was found of all runs, also of those that share a belief, and of each reading by itself."""
+        """The results for all runs, even if they share a belief, and for each reading separately."""
         e = self.estimates
         mean, cov, notes, whitened, log_scale = e.mean, e.cov, e.notes, e.whitened, e.log_scale
         if self.stacked:

@@ -1,1 +1,1 @@
-"""Hydra: composing a configuration, and its errors in one line each."""
+"""Hydra: composes a configuration, and reports each of its errors in one line."""

@@ -1,4 +1,4 @@
-"""A command line before Hydra sees it: what Hydra would take wrongly or say badly."""
+"""Prepares a command line for Hydra: fixes or refuses what Hydra would misread or report badly."""
 
 import importlib.util
 import re
@@ -24,18 +24,18 @@ _FLAGS = {
     *("--help", "-h", "--hydra-help", "--version", "--resolve", "--run", "-r", "--multirun", "-m"),
     *("--shell-completion", "-sc", *_INFO, *_WITH_VALUE),
 }
-# These stand before what is typed, which adds to them. In a sweep, what is typed alone is expected: a file's
-# expectations are of its own values, not of those swept. Nor has each job a page, if none is asked for.
+# These come before the typed words, which add to them. In a sweep only typed expectations apply: a file's belong to
+# its own values, not to the swept ones. Jobs have no pages, unless requested.
 OF_A_SWEEP = ("expect=null", "expect_files=null", "report=false")
-# Of an experiment on a recording instead, neither what its file expects nor its number of runs holds; what it expects
-# of that recording, under expect_files, does.
+# For an experiment on a recording, its file's expectations and number of runs do not apply; its expectations of that
+# recording, under expect_files, do.
 _OF_OTHER_DATA = ("expect=null", "runs=1")
 
 _NO_NAME = re.compile(r"\s*(null|true|false|\?\?\?|[-+]?([\d.]+(e[-+]?\d+)?|inf|nan))\s*", re.IGNORECASE)
-_DIGITS = 1000  # of a number, for which Python has a limit of its own
-_DEEPEST = 20  # brackets in a value, of which no key has more than a few
+_DIGITS = 1000  # digits of a number, for which Python has its own limit
+_DEEPEST = 20  # nested brackets in a value; no key needs more than a few
 
-# Plugins by what they need installed, and the extra of estlab that brings it.
+# Plugins by the package that they need, and the extra of estlab that installs it.
 _NEEDS = {
     "hydra/launcher=dask": ("distributed", "dask"),
     "hydra/launcher=joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
@@ -47,9 +47,9 @@ _NEEDS = {
 
 
 def prepared(arguments: list[str]) -> list[str]:
-    """The arguments as Hydra takes them: flags first, each with its value in one word, then keys.
+    """The arguments as Hydra expects them: flags first, each with its value in one word, then keys.
 
-    Raises UserError for a flag that there is not, for a folder without a name, and for a value nested too deep.
+    Raises UserError for an unknown flag, for a folder without a name, and for a value that is nested too deep.
     """
     flags, words = parted(arguments)
     sweep = is_sweep(flags, words)
@@ -78,7 +78,7 @@ def parted(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
         if not argument.startswith("-"):
             words.append(argument)
         elif flag not in _FLAGS:
-            raise UserError(f"there is no flag {argument}; {_instead(argument)}")
+            raise UserError(f"unknown flag {argument}; {_instead(argument)}")
         elif flag in _INFO:
             found = value if equals else rest.pop(0) if rest and rest[0] in _INFO_ON else "all"
             _check_among(flag, found, _INFO_ON)
@@ -105,7 +105,7 @@ def _check_among(flag: str, value: str, known: Sequence[str]) -> None:
 
 
 def _instead(argument: str) -> str:
-    """What may have been meant by a flag that there is not."""
+    """A suggestion for an unknown flag."""
     from estlab.config.build import nearest
 
     flag, equals, _ = argument.partition("=")
@@ -118,13 +118,13 @@ def _instead(argument: str) -> str:
 
 
 def is_sweep(flags: Sequence[str], words: Sequence[str]) -> bool:
-    """Whether these make a sweep."""
+    """Whether these words make a sweep."""
     mode = any(re.fullmatch(r"\+*hydra\.mode=.*MULTIRUN.*", word) for word in words)
     return mode or bool({"-m", "--multirun"} & set(flags))
 
 
 def _check_choice(word: str) -> None:
-    """A group's choice is a name, or names in a list; Hydra's own words for what is none name no key."""
+    """A group's choice must be a name, or names in a list; Hydra's own message for anything else names no key."""
     key, _, value = word.partition("=")
     if key.lstrip("+").partition("@")[0] not in groups():
         return
@@ -134,7 +134,7 @@ def _check_choice(word: str) -> None:
 
 
 def _check_size(word: str) -> None:
-    """Hydra's parsers call themselves for each bracket, and take ever longer."""
+    """Hydra's parsers recurse for each bracket, and become ever slower."""
     key, _, value = word.partition("=")
     brackets = value if not is_path(key) else "".join(re.findall(r"\$\{|\}", value))
     depth = deepest = 0
@@ -142,13 +142,13 @@ def _check_size(word: str) -> None:
         depth += (sign in "[{(") - (sign in "]})")
         deepest = max(deepest, depth)
     if deepest > _DEEPEST:
-        raise UserError(f"{word[:40]}...: brackets lie more than {_DEEPEST} deep; no key has such a value")
+        raise UserError(f"{word[:40]}...: brackets lie more than {_DEEPEST} deep; no key needs such a value")
     if re.search(rf"\d{{{_DIGITS}}}", brackets):
-        raise UserError(f"{word[:40]}...: is too large a number")
+        raise UserError(f"{word[:40]}...: the number is too large")
 
 
 def _expectations(arguments: list[str]) -> list[str]:
-    """expect.rmse.x=[0.1,0.2] as what Hydra takes for it: a key that may be new, and a value that merges with none."""
+    """expect.rmse.x=[0.1,0.2] in a form that Hydra accepts: a key that may be new, and a value that does not merge."""
     written: list[str] = []
     for argument in arguments:
         match = re.fullmatch(r"\+{0,2}(expect(?:\.[^=]+)?)=(.*)", argument, re.DOTALL)
@@ -158,13 +158,13 @@ def _expectations(arguments: list[str]) -> list[str]:
         elif match is not None:
             key, value = match.groups()
             words = [f"++{key}=null"] * value.lstrip().startswith(("[", "{")) + [f"++{key}={value}"]
-        # What was written so before stays as it is.
+        # Words already in this form stay unchanged.
         written += words[1:] if written[-1:] == words[:1] else words
     return written
 
 
 def _file_names(arguments: list[str]) -> list[str]:
-    """data.files.truth=mine.mat as what Hydra takes for it: a key that is new."""
+    """data.files.truth=mine.mat in a form that Hydra accepts: a key that is new."""
     return [re.sub(r"^\+{0,2}(data\.files\.[^=]+=)", r"++\1", argument) for argument in arguments]
 
 
@@ -177,14 +177,12 @@ def _check_installed(argument: str) -> None:
 
 
 def _several_filters(arguments: list[str]) -> list[str]:
-    """filter=[ekf,ukf] as what Hydra takes for it: each in a place of its own under filters."""
+    """filter=[ekf,ukf] in a form that Hydra accepts: each filter in its own place under filters."""
     written: list[str] = []
     for argument in arguments:
         group, equals, choice = argument.lstrip("+").partition("=")
         if group == "scenario" and choice.startswith("["):
-            raise UserError(
-                f"{argument}: a run has one scenario; estlab sweep scenario=car,field takes several in turn"
-            )
+            raise UserError(f"{argument}: a run has one scenario; use estlab sweep scenario=car,field for several")
         if group != "filter" or not equals or (choice and "[" not in choice):
             written.append(argument)
             continue
@@ -192,7 +190,7 @@ def _several_filters(arguments: list[str]) -> list[str]:
         several = re.split(r"\s*,\s*", names[1]) if names else []
         if not several or len(several) != len(set(several)):
             raise UserError(
-                f"{argument}: name each filter once in one list, as filter=[ekf,ukf]; lists cannot be swept"
+                f"{argument}: name each filter once in one list, such as filter=[ekf,ukf]; lists cannot be swept"
             )
         written += [f"filter={several[0]}", *(f"+filter@filters.{name}={name}" for name in several)]
         written.append(f"hydra.job.name={'-'.join(several)}")

@@ -1,4 +1,4 @@
-"""What Hydra composed for a run or a job, as plain data and as objects."""
+"""The configuration that Hydra composed for a run or a job, as plain data and as objects."""
 
 from collections.abc import Mapping
 from pathlib import Path, PurePath
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def request_of(config: "DictConfig", command: list[str]) -> "Request":
-    """The composed configuration as a request. command: what was typed."""
+    """The composed configuration as objects, and the user's names for its parts."""
     from omegaconf import OmegaConf
 
     from estlab.launch.execute import Request
@@ -32,7 +32,7 @@ def folder() -> Path:
 
 
 def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
-    """The composed configuration as plain data, and what the user called its parts."""
+    """The composed configuration as plain data, and the user's names for its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf
 
@@ -47,15 +47,17 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
     chosen = [word for word in words if word.startswith("filter=")]
     filters = plain.get("filters")
     if not isinstance(filters, Mapping):
-        filters = {}  # what is none is said where it is built
+        filters = {}  # an unknown choice is reported where it is built
     if filters and chosen and not any("filter@filters" in word for word in words):
         theirs = ",".join(filters)
-        raise UserError(f"{chosen[0]} would not be used: the experiment has its own filters, {theirs}; leave it out")
+        raise UserError(
+            f"{chosen[0]} would not be used, because the experiment has its own filters, {theirs}; leave it out"
+        )
     given_keys.refuse_single_filter(words, filters)
     folders = [Path(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     stated = given_keys.experiment_file(str(hydra.runtime.choices.get("experiment")), folders)
     choices = (PurePath(hydra.runtime.choices[group]) for group in ("scenario", "filter"))
-    # However it was written, car, ./car and car.yaml are one problem with one set of random numbers.
+    # However you write it, car, ./car and car.yaml are one problem with one set of random numbers.
     scenario, filter = (str(choice.with_suffix("")) if choice.suffix == ".yaml" else str(choice) for choice in choices)
     names = Names(scenario, filter, changes(words), given_keys.other_data(words) and bool(stated.get("expect")))
     if stated or any(word.lstrip("+").startswith(("scenario.", "data.clock")) for word in words):
@@ -64,7 +66,7 @@ def described(config: "DictConfig") -> "tuple[dict[str, Any], Names]":
 
 
 def _unread(plain: "dict[str, Any]", names: "Names") -> dict[str, str]:
-    """The keys that this configuration does not read, with what would; none where it does not build: that is said."""
+    """The keys that this configuration does not read, with what would; none if it does not build (said elsewhere)."""
     from estlab.config.build import build
 
     try:
@@ -80,14 +82,14 @@ def _unread(plain: "dict[str, Any]", names: "Names") -> dict[str, str]:
 
 
 def typed() -> list[str]:
-    """What is typed for the run or job that is composed now, as Hydra takes it."""
+    """The typed words for the run or job being composed, as Hydra received them."""
     from hydra.core.hydra_config import HydraConfig
 
     return [str(word) for word in raw(HydraConfig.get().overrides)["task"]]
 
 
 def raw(node: Any) -> dict[str, Any]:
-    """A node of what Hydra composed with ${...} as it stands there: in the name of a folder it is no interpolation."""
+    """A node of the composed configuration with ${...} unresolved: in the name of a folder it is no interpolation."""
     from omegaconf import OmegaConf
 
     return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))

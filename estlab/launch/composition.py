@@ -1,4 +1,4 @@
-"""What Hydra composes, held to what a run may have, before Hydra makes anything of it."""
+"""Checks what Hydra composes, before Hydra makes anything from it."""
 
 import inspect
 import pickle
@@ -24,7 +24,7 @@ from estlab.errors import UserError
 from estlab.launch import resolvers, yaml_bounds
 from estlab.launch.path_arguments import PATHS, home
 
-# What Hydra calls of its own node: these it takes from its plugins alone, which it knows by name.
+# What Hydra calls from its own node: these it takes only from its plugins, which it knows by name.
 _PLUGINS = ("hydra.launcher._target_", "hydra.sweeper._target_")
 _PLUGIN = re.compile(r"hydra_plugins\.|hydra\._internal\.core_plugins\.")
 _HYDRAS_CALLBACK = re.compile(r"hydra\.experimental\.callbacks\.\w+Callback")
@@ -37,7 +37,8 @@ resolvers.register()  # at import: a worker of a sweep unpickles the loader belo
 
 
 def install() -> None:
-    """From now on Hydra composes by what is here, in this process and in those that are given its jobs."""
+    """Make Hydra compose through this module, in this process and in those that receive its jobs."""
+    resolvers.register()
     SourcesRegistry.instance().types["file"] = FileConfigSource
     hydras_own.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
     hydras_own.Hydra = Hydra  # type: ignore[misc]
@@ -58,7 +59,7 @@ def installed() -> Iterator[None]:
 
 
 class Hydra(hydras_own.Hydra):
-    """Hydra's own, which composes everything once more to know its mode, though no file of estlab's states one."""
+    """Hydra, without composing everything again just to know its mode: no file of estlab's states one."""
 
     def get_mode(self, config_name: str | None, overrides: list[str]) -> Any:
         places = {str(place.path) for place in self.config_loader.get_search_path().get_path()}
@@ -69,7 +70,7 @@ class Hydra(hydras_own.Hydra):
 
 
 def may_state_a_mode(word: str) -> bool:
-    """Whether it does, or chooses a file that may: one that has not just the name of a shipped one."""
+    """Whether it states a mode, or chooses a file that may: one whose name is not that of a shipped file."""
     key, _, value = word.strip().lstrip("+~").partition("=")
     group = key.partition("@")[0]
     if (conf_folder() / group).is_dir():
@@ -78,10 +79,10 @@ def may_state_a_mode(word: str) -> bool:
 
 
 class FileConfigSource(hydras_files.FileConfigSource):
-    """A folder of configuration whose files are looked at before they are read, and read once for each content.
+    """A folder of configuration whose files are checked before they are read, and read once for each content.
 
-    Hydra composes twice for a run, and again for each job of a sweep. This has the name of Hydra's own class, whose
-    registry takes a second class of a name for the first.
+    Hydra composes twice for a run, and again for each job of a sweep. The class has the name of Hydra's own, because
+    Hydra's registry treats a second class of the same name as the first.
     """
 
     def load_config(self, config_path: str) -> ConfigResult:
@@ -89,21 +90,21 @@ class FileConfigSource(hydras_files.FileConfigSource):
         if not path.is_file():
             return super().load_config(config_path)
         content = yaml_bounds.checked(path)
-        # A copy for each, since Hydra changes what it is given.
+        # A copy each time, because Hydra modifies it.
         found: ConfigResult = pickle.loads(_read(self.provider, self.path, config_path, content))
         return found
 
 
 @lru_cache(maxsize=256)
 def _read(provider: str, folder: str, config_path: str, content: bytes) -> bytes:
-    """What Hydra reads of a file with this content, as a pickle."""
+    """Hydra's parsed form of a file with this content, as a pickle."""
     return pickle.dumps(hydras_files.FileConfigSource(provider, f"file://{folder}").load_config(config_path))
 
 
 class CheckedLoader(ConfigLoaderImpl):
-    """Hydra's, but for what it composes: a home is written out, and the node ``hydra`` may call little.
+    """Hydra's loader, except that it expands home directories, and that the node ``hydra`` may call little.
 
-    Hydra configures logging, makes callbacks, sweeper and launcher of what this returns.
+    Hydra configures logging, and makes callbacks, sweeper and launcher, from what this returns.
     """
 
     def load_configuration(self, *arguments: Any, **options: Any) -> DictConfig:
@@ -125,11 +126,11 @@ def _write_out_homes(config: DictConfig) -> None:
 
 
 def check(config: DictConfig) -> None:
-    """Raise UserError for what Hydra would call, of its own node, outside estlab and the plugins that are listed."""
+    """Raise UserError for anything that Hydra would call from its own node outside estlab and the listed plugins."""
     plugins = config.get("plugins")
     listed = [name for name in plugins if isinstance(name, str)] if isinstance(plugins, ListConfig) else []
     if listed and str(Path.cwd()) not in sys.path:
-        # An installed command, unlike python -m, does not look where the user stands.
+        # An installed command, unlike python -m, does not look in the current folder.
         sys.path.insert(0, str(Path.cwd()))
     allowed = ("estlab", *listed)
     for path, key, value in _values(config.hydra, "hydra"):
@@ -150,7 +151,7 @@ def _check_callbacks(callbacks: Any) -> None:
 
 
 def _values(node: Any, path: str) -> Iterator[tuple[str, str, Any]]:
-    """Every value of a node with its path and key, as Hydra will take it; None for one that cannot be known yet."""
+    """Every value of a node with its path and key, as Hydra will use it; None for one that cannot be known yet."""
     keys = list(node) if isinstance(node, DictConfig) else range(len(node))
     for key in keys:
         try:
@@ -170,7 +171,9 @@ def _check_target(path: str, name: Any, allowed: tuple[str, ...]) -> None:
         return
     found = located(str(name), path, allowed)
     if re.fullmatch(r"hydra\.callbacks\.[^.]+\._target_", path) and not _is_callback(found):
-        raise UserError(f"{path} {name} is no callback: a class with methods such as on_run_start and on_job_end")
+        raise UserError(
+            f"{path} {name} is not a callback, which is a class with methods such as on_run_start and on_job_end"
+        )
 
 
 def _is_callback(found: Any) -> bool:

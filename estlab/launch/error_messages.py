@@ -1,4 +1,4 @@
-"""Errors of Hydra, OmegaConf and YAML, which take several lines, said in one."""
+"""Turns the errors of Hydra, OmegaConf and YAML, which take several lines, into one line."""
 
 import contextlib
 import re
@@ -8,7 +8,7 @@ from estlab.config.locations import groups
 from estlab.errors import PluginError, UserError
 from estlab.launch.known_keys import known_keys
 
-# What Hydra says of places of configuration that are not there, by the flag that names them.
+# Hydra's messages about missing places of configuration, by the flag that names them.
 _PLACES = {
     "--config-dir": ("folder", r"Additional config directory '(.*)' not found"),
     "--config-name": ("configuration", r"Cannot find primary config '(.*?)'"),
@@ -19,7 +19,7 @@ _PLACES = {
 def one_line(error: Exception, arguments: Sequence[str]) -> str:
     """Hydra's and OmegaConf's messages, of several lines, as one that names the key and the nearest known one.
 
-    arguments: as Hydra took them.
+    arguments: as Hydra received them.
     """
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
@@ -33,12 +33,12 @@ def one_line(error: Exception, arguments: Sequence[str]) -> str:
         if found := re.search(missing, text):
             return f"{flag}: there is no {kind} {found[1]}"
     if several := re.search(r"Ambiguous value for argument '(.*?)'\n", text, re.DOTALL):
-        return f"{several[1]}: a run takes one value, estlab sweep several; a list is written in brackets, [a,b]"
+        return f"{several[1]}: a run takes one value; use estlab sweep for several, or brackets for a list, [a,b]"
     for explain in (_unknown_key, _unknown_option, _no_list, _of_another_kind, _taken_away):
         if said := explain(text, arguments):
             return said
     if re.search(r"Lexer|Error parsing override|OverrideParse", f"{type(error).__name__} {text}"):
-        return f"{_unparsed(arguments)}: write key=value, with quotes around values that have other signs in them"
+        return f"{_unparsed(arguments)}: write key=value, with quotes around values that contain special characters"
     # What a resolver such as ${deg:...} complains of says all by itself.
     text = re.sub(r"^\w+ raised while resolving interpolation: ", "", str(error))
     lines = [line.strip() for line in text.splitlines() if line.strip()]
@@ -61,14 +61,14 @@ def _unknown_key(text: str, arguments: Sequence[str]) -> str:
         written = next((word for word in arguments if word.partition("=")[0] == wrong), wrong)
         return f"write +{written}: an experiment is added to the configuration"
     if "@" in wrong:
-        return f"{wrong}: nothing is placed there; +{wrong}=... places a choice of the group"
+        return f"{wrong}: there is nothing at this place; write +{wrong}=... to add a choice of the group"
     known = known_keys(arguments, wrong)
     if wrong in known:
-        return f"{wrong} is not a key of every job here"
+        return f"{wrong} is not a key of every job of this sweep"
     among = re.match(r"filters\.([\w-]+)\.", wrong)
     if among and f"filters.{among[1]}" not in known:
         one = wrong.replace(among[0], "filter.")
-        return f"{wrong}: there is no {among[1]} among several filters here; a single one takes {one}"
+        return f"{wrong}: none of these filters is called {among[1]}; for a single filter write {one}"
     return unknown_key(wrong, known)
 
 
@@ -112,16 +112,16 @@ def _of_another_kind(text: str, arguments: Sequence[str]) -> str:
 
 
 def _taken_away(text: str, arguments: Sequence[str]) -> str:
-    """Of a key or a choice that others are made of."""
+    """A message for a missing key or choice that others need."""
     choice = re.search(r"hydra[:.]runtime\.choices\.(\w+)", text)
     key = re.search(r"Key '[^']+' is not in struct\s+full_key: ([\w.]+)", text)
     if choice:
-        return f"{choice[1]} is missing, which a run cannot do without; write {choice[1]}=NAME (see estlab list)"
-    return f"{key[1]} is missing, which other keys are made of" if key else ""
+        return f"{choice[1]} is missing, but every run needs one; write {choice[1]}=NAME (see estlab list)"
+    return f"{key[1]} is missing, but other keys refer to it" if key else ""
 
 
 def _unparsed(arguments: Sequence[str]) -> str:
-    """The first of the words that Hydra's grammar has no place for."""
+    """The first of the words that Hydra's grammar does not accept."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 

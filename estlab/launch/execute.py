@@ -15,6 +15,8 @@ from estlab.config.settings import Names, Settings
 from estlab.errors import IncompleteError, PluginError, UserError, WorkerLostError, frames, is_lack_of_memory
 from estlab.experiment import experiment
 from estlab.experiment.compatibility import check
+from estlab.experiment.compute import Progress
+from estlab.experiment.experiment import Show
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted
 from estlab.rundir import RunDirectory, State
 
@@ -58,11 +60,26 @@ class Request:
         return settings
 
 
+@dataclass(frozen=True)
+class Audience:
+    """Who follows a run; unless said otherwise, a person at a terminal.
+
+    progress, show: see estlab.experiment.experiment.run. complain: is given one line on what is wrong and the exit
+    code, which it returns. on_error: is given the exception for which a run failed.
+    """
+
+    progress: Progress | None = None
+    show: Show | None = None
+    complain: Callable[[str, int], int] = complain
+    on_error: Callable[[BaseException], object] = id
+
+
 def execute(
     request: Request,
     directory: RunDirectory,
     settings: Settings | None = None,
     on_end: Callable[[list[Finding]], object] | None = None,
+    audience: Audience = Audience(),
 ) -> int:
     """Run it in this directory and set its final status; the exit code. It raises an interruption alone.
 
@@ -73,16 +90,18 @@ def execute(
     def work() -> str:
         directory.write_text(rundir.CONFIG, request.config)
         directory.write_text(rundir.OVERRIDES, request.overrides)
-        findings = experiment.run(settings or request.settings(), directory, request.command)
+        findings = experiment.run(
+            settings or request.settings(), directory, request.command, audience.progress, audience.show
+        )
         if on_end:
             on_end(findings)
         return expectations.unmet(findings)
 
     page = request.plain.get("report") is True and not request.plain.get("part")
-    return concluded(directory, work, page)
+    return concluded(directory, work, page, audience)
 
 
-def concluded(directory: RunDirectory, work: Callable[[], str], page: bool) -> int:
+def concluded(directory: RunDirectory, work: Callable[[], str], page: bool, audience: Audience) -> int:
     """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
 
     work: gives what was expected and not found, nothing if all was. page: whether to write report.html.
@@ -90,31 +109,34 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool) -> i
     try:
         with directory.logged():
             unmet = work()
+            directory.sync()
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):
             directory.finish("interrupted", "interrupted by the user", INTERRUPTED)
         raise
     except (Exception, SystemExit) as error:
+        audience.on_error(error)
         code = USAGE if isinstance(error, UserError) else FAILED
-        return _ended(directory, "failed", _reason(error, directory.path / "log.txt"), code)
+        return _ended(directory, "failed", _reason(error, directory.path / rundir.LOG), code, audience)
     else:
-        return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK)
+        return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK, audience)
     finally:
         # Last, since it shows the status too.
         if page and directory.is_there():
-            write_page(directory.path)
+            write_page(directory.path, audience.complain)
 
 
-def _ended(directory: RunDirectory, state: State, message: str, code: int) -> int:
+def _ended(directory: RunDirectory, state: State, message: str, code: int, audience: Audience) -> int:
     """Set the final status and say what is wrong; the exit code. A run whose status cannot be written has failed."""
     try:
         directory.finish(state, message, code)
     except OSError as error:
-        message, code = message or _reason(error, directory.path / "log.txt"), code or FAILED
-    return complain(message, code) if message else code
+        message, code = message or _reason(error, directory.path / rundir.LOG), code or FAILED
+        audience.on_error(error)
+    return audience.complain(message, code) if message else code
 
 
-def write_page(folder: Path) -> None:
+def write_page(folder: Path, complain: Callable[[str, int], int] = complain) -> None:
     """Write report.html. A disk without room for it changes nothing in how a run ended."""
     from estlab.report import page
 
@@ -123,10 +145,11 @@ def write_page(folder: Path) -> None:
     except OSError as error:
         complain(
             f"{error.filename}: {error.strerror}; the page is missing, "
-            f"draw it later with estlab report {pasted(folder)}"
+            f"draw it later with estlab report {pasted(folder)}",
+            FAILED,
         )
     except Exception as error:
-        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was")
+        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was", FAILED)
 
 
 def _reason(error: BaseException, log: Path) -> str:

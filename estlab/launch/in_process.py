@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from estlab.config.locations import conf_folder
 from estlab.errors import PluginError, UserError, is_lack_of_memory
@@ -13,36 +13,29 @@ from estlab.launch.arguments import CONFIG_DIR, is_sweep, parted, prepared
 from estlab.launch.error_messages import one_line
 
 if TYPE_CHECKING:
-    from estlab.config.settings import Names
+    from estlab.launch.execute import Request
 
 # Hydra, the log and the filters of warnings are the process's own, so its threads take turns.
 ONE_AT_A_TIME = threading.RLock()
 
 
-class Composition(NamedTuple):
-    """What words compose: the configuration as data and as text, the names in it, the words, the run directory."""
-
-    plain: dict[str, Any]
-    names: "Names"
-    text: str
-    overrides: str
-    folder: Path
-
-
-def compose(arguments: Sequence[str]) -> Composition:
-    """What ``estlab run`` would run for these arguments; nothing of Hydra's stays in the process.
+def compose(arguments: Sequence[str]) -> "tuple[Request, Path]":
+    """What ``estlab run`` would run for these arguments, and where; nothing of Hydra's stays in the process.
 
     Raises UserError, as the command line says it, for what cannot be composed.
     """
+    from hydra.core.global_hydra import GlobalHydra
+
     with hydra_apart():
         taken = prepared(list(arguments))
         try:
-            return _composed(taken)
+            return _composed(taken, ["estlab", "run", *arguments])
         except PluginError:
             raise
         except Exception as error:
             if is_lack_of_memory(error):
                 raise
+            GlobalHydra.instance().clear()  # to find out what a key may have meant, Hydra composes anew
             raise UserError(one_line(error, taken)) from None
 
 
@@ -54,49 +47,49 @@ def hydra_apart() -> Iterator[None]:
     from hydra.core.singleton import Singleton
     from hydra.core.utils import JobRuntime
     from hydra.version import VersionBase
-    from omegaconf.basecontainer import BaseContainer
 
-    from estlab.launch import composition
+    from estlab.launch import resolvers
 
     kinds: tuple[Any, ...] = (GlobalHydra, HydraConfig, JobRuntime, VersionBase)
     with ONE_AT_A_TIME:
         theirs = {kind: Singleton._instances.pop(kind) for kind in kinds if kind in Singleton._instances}
-        resolvers, path = dict(BaseContainer._resolvers), list(sys.path)
+        path = list(sys.path)
         try:
-            with composition.installed():
-                yield
+            with resolvers.registered():
+                from estlab.launch import composition
+
+                with composition.installed():
+                    yield
         finally:
             for kind in kinds:
                 Singleton._instances.pop(kind, None)
             Singleton._instances.update(theirs)
-            BaseContainer._resolvers.clear()
-            BaseContainer._resolvers.update(resolvers)
             sys.path[:] = path
 
 
-def _composed(taken: Sequence[str]) -> Composition:
+def _composed(taken: Sequence[str], command: list[str]) -> "tuple[Request, Path]":
     import hydra._internal.hydra as hydras_own
     from hydra import version
     from hydra._internal.utils import create_config_search_path
+    from hydra.core.config_search_path import SearchPathQuery
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
-    from omegaconf import OmegaConf, open_dict, read_write
+    from omegaconf import open_dict, read_write
 
-    from estlab.launch.composed import described
+    from estlab.launch.composed import request_of
 
     flags, words = parted(taken)
     version.setbase("1.3")
     search_path = create_config_search_path(str(conf_folder()))
     for folder in _config_folders(flags, words):
-        search_path.append("command-line", f"file://{folder}")
+        search_path.prepend("command-line", f"file://{folder}", SearchPathQuery(provider="schema"))
     hydra = hydras_own.Hydra.create_main_hydra2("estlab", search_path)
     config = hydra.compose_config("config", list(words), RunMode.RUN)
     HydraConfig.instance().set_config(config)
-    folder, overrides = Path(str(config.hydra.run.dir)), OmegaConf.to_yaml(config.hydra.overrides.task)
+    folder = Path(str(config.hydra.run.dir))
     with read_write(config), open_dict(config):
         del config["hydra"]
-    plain, names = described(config)
-    return Composition(plain, names, OmegaConf.to_yaml(config, resolve=True), overrides, folder)
+    return request_of(config, command), folder
 
 
 def _config_folders(flags: Sequence[str], words: Sequence[str]) -> list[Path]:

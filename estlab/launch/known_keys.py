@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from estlab.config.locations import conf_folder, groups
 from estlab.launch.quoting import elements, quoted
 
-_MOST = 8  # values of swept groups that are looked into
+_MOST = 8  # values of swept groups that are examined
 
 
 def known_keys(arguments: Sequence[str], wrong: str) -> list[str]:
     """The groups and keys of the configuration that the arguments compose without the wrong key.
 
-    arguments: as Hydra takes them. Of a group that is swept, the keys of each choice are known.
+    arguments: as Hydra received them. For a swept group, the keys of each choice are known.
     """
     from hydra import compose, initialize_config_dir
     from hydra.errors import HydraException
@@ -25,7 +25,7 @@ def known_keys(arguments: Sequence[str], wrong: str) -> list[str]:
     found: dict[str, None] = {}
     with initialize_config_dir(str(conf_folder()), version_base="1.3"):
         for words in _lines(arguments, wrong):
-            # What is typed may hold more that is wrong, so ever less of it is taken.
+            # The typed words may contain further mistakes, so fewer and fewer are used.
             for taken in (words, [word for word in words if _is_choice(word)], []):
                 with contextlib.suppress(HydraException):
                     config = compose("config", overrides=taken, return_hydra_config=wrong.startswith("hydra"))
@@ -40,7 +40,7 @@ def _is_choice(word: str) -> bool:
 
 
 def _lines(arguments: Sequence[str], wrong: str) -> Iterator[list[str]]:
-    """The words without the wrong key, once with each value of a group that is swept."""
+    """The words without the wrong key, once with each value of a swept group."""
     folders = [word.partition("=")[2] for word in arguments if word.startswith("--config-dir=")]
     search = [f"hydra.searchpath=[{','.join(quoted(f'file://{folder}') for folder in folders)}]"] if folders else []
     words = [

@@ -1,4 +1,4 @@
-"""From the rest of a command line to jobs, by Hydra. The only place that knows it."""
+"""From the rest of a command line to jobs, through Hydra. Only this package knows Hydra."""
 
 import contextlib
 import os
@@ -29,7 +29,7 @@ OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
 
 def pasted(path: Path) -> str:
-    """A path as a shell takes it."""
+    """A path in the form that a shell accepts."""
     return shlex.quote(str(path))
 
 
@@ -39,7 +39,7 @@ def complain(message: str, code: int = USAGE) -> int:
 
 
 def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
-    """Hand the rest of the command line to Hydra and its configuration to the job; the worst job's exit code."""
+    """Pass the command line to Hydra and its configuration to the job. Returns the worst job's exit code."""
     import hydra
     from hydra.errors import HydraException
 
@@ -60,17 +60,18 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
     taken = prepared(arguments)
     sys.argv = ["estlab", *taken]
     try:
-        # Hydra prints errors over several lines and exits with 1; with this it raises them, for us to say in one.
+        # Hydra prints errors over several lines and exits with 1; with this variable it raises them, and we print one
+        # line.
         os.environ["HYDRA_FULL_ERROR"] = "1"
-        composition.install()
-        hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
+        with composition.installed():
+            hydra.main(config_path=str(conf_folder()), config_name="config", version_base="1.3")(task)()
     except HydraException as error:
-        # Before OSError, which a missing configuration is too.
+        # Before OSError, its base class: a missing configuration.
         if traceback_wanted:
             raise
         raise UserError(one_line(error, taken)) from error
     except OSError as error:
-        where = error.filename or "the folder where you stand"
+        where = error.filename or "the current folder"
         raise UserError(f"{where}: cannot be used ({error.strerror}); set output or --config-dir to another") from error
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else OK
@@ -86,7 +87,8 @@ def launch(arguments: list[str], job: Callable[["DictConfig"], int]) -> int:
 def remove_if_ours(folder: Path, output: Path) -> None:
     """Hydra makes the run directory before the configuration is checked; leave none behind for a typing error.
 
-    Only what is empty and was made since this process began, and never a folder outside ``output`` but the run's own.
+    Removes only directories that are empty and were made since this process began, and none outside ``output`` except
+    the run's own.
     """
     with contextlib.suppress(OSError):
         if folder.stat().st_ctime >= _BEGAN and folder.resolve() not in (Path.cwd(), *Path.cwd().parents):

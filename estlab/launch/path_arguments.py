@@ -1,4 +1,4 @@
-"""Keys that are paths: what is typed for them is the path itself, whatever signs are in it."""
+"""Keys that are paths: the typed value is the path itself, whatever characters it contains."""
 
 import os
 import re
@@ -6,16 +6,17 @@ import re
 from estlab.launch.quoting import QUOTED, elements, quoted, unquoted
 
 PATHS = ("data.path", "data.prefix", "output", "sweep.dir", "hydra.run.dir", "hydra.sweep.dir")
-_FILES = re.compile(r"data\.files\.\w+")  # names of files, by their kind
+_FILES = re.compile(r"data\.files\.\w+")  # file names, by kind
 _SWEPT = ("data.path", "data.prefix")
 _FUNCTION = re.compile(r"(choice|glob|range|sort|shuffle|str|tag)\s*\(.*\)", re.DOTALL)
 
 
 def quoted_path(argument: str, sweep: bool) -> str:
-    """An argument that gives a path, quoted for Hydra; any other as it is.
+    """An argument that sets a path, quoted for Hydra; any other unchanged.
 
-    Blanks, commas, brackets and quotes are part of the path. ${...} is an interpolation. What is in quotes already, as
-    Hydra takes it, is left so. In a sweep a comma parts the values of data.path, unless there is such a path.
+    Blanks, commas, brackets and quotes are part of the path. ${...} is an interpolation. A value that is already in
+    quotes, as Hydra reads them, stays unchanged. In a sweep a comma separates values of data.path, unless there is
+    such a path.
     """
     key, _, value = argument.partition("=")
     if not is_path(key) or value in ("", "null", "???"):
@@ -28,20 +29,20 @@ def quoted_path(argument: str, sweep: bool) -> str:
 
 
 def is_path(key: str) -> bool:
-    """Whether a key, as typed, is one that is a path."""
+    """Whether a key, as typed, is a path."""
     bare = key.lstrip("+")
     return bare in PATHS or _FILES.fullmatch(bare) is not None
 
 
 def as_typed(argument: str) -> str:
-    """An argument as a person types it: a path without Hydra's quotes, where it means the same."""
+    """An argument as a user types it: a path without Hydra's quotes, if that means the same."""
     key, _, value = argument.partition("=")
     plain = f"{key}={unquoted(value)}"
     return plain if is_path(key) and quoted_path(plain, sweep=False) == argument else argument
 
 
 def home(path: str) -> str:
-    """A path whose leading ~ or ~user stands for a home; where there is no such user, a folder of that name."""
+    """A path with a leading ~ or ~user replaced by a home; if there is no such user, a folder of that name."""
     return os.path.expanduser(path)  # noqa: PTH111 (Path's raises where there is no such user)
 
 

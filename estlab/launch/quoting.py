@@ -4,23 +4,23 @@ import re
 
 from estlab.config.angles import is_angle
 
-# A backslash counts before a quote alone; the quote that ends the text has an even number of them before it.
+# A backslash counts only before a quote; the quote that ends the text has an even number of them before it.
 QUOTED = re.compile(r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*\"""", re.DOTALL)
 
 
 def quoted(text: str) -> str:
-    """The value that stands for this text, whatever is in it; ${...} in it is still an interpolation."""
+    """The value that stands for this text, whatever it contains; ${...} in it is still an interpolation."""
     escaped = re.sub(r"(\\*)('|\Z)", lambda found: 2 * found[1] + ("\\'" if found[2] else ""), text)
     return f"'{escaped}'"
 
 
 def literal(text: str) -> str:
-    """The text as OmegaConf gives it back, with no interpolation in it."""
+    """The text in a form that OmegaConf returns unchanged, without interpolation."""
     return re.sub(r"(\\*)\$\{", lambda found: 2 * found[1] + r"\${", text)
 
 
 def unquoted(value: str) -> str:
-    """The text that a quoted value stands for; any other value as it is."""
+    """The text that a quoted value stands for; any other value unchanged."""
     if not QUOTED.fullmatch(value):
         return value
     return re.sub(rf"((?:\\\\)*)(\\?)({value[0]}|\Z)", _unescaped, value[1:-1])
@@ -37,7 +37,7 @@ def angle_as_typed(value: str) -> str:
 
 
 def elements(value: str) -> list[str]:
-    """The values between the commas of a value; a comma in quotes is none."""
+    """The values between the commas of a value; a comma in quotes does not separate."""
     parts, begin = [], 0
     for found in re.finditer(rf"{QUOTED.pattern}|,", value, re.DOTALL):
         if found[0] == ",":

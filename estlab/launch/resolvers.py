@@ -1,6 +1,10 @@
 """What ``${...}`` may call in configuration, besides what OmegaConf and Hydra bring."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from omegaconf import OmegaConf
+from omegaconf.basecontainer import BaseContainer
 
 from estlab.config import angles
 
@@ -8,3 +12,15 @@ from estlab.config import angles
 def register() -> None:
     """From now on ``${deg:40}`` is an angle, in this process."""
     OmegaConf.register_new_resolver("deg", angles.radians, replace=True)
+
+
+@contextmanager
+def registered() -> Iterator[None]:
+    """The same for the body alone: whatever resolvers there are come back as they were."""
+    before = dict(BaseContainer._resolvers)
+    register()
+    try:
+        yield
+    finally:
+        BaseContainer._resolvers.clear()
+        BaseContainer._resolvers.update(before)

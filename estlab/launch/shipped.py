@@ -1,4 +1,4 @@
-"""What conf/ ships, without composing a whole configuration."""
+"""The content of conf/, without composing a whole configuration."""
 
 from typing import Any, cast
 
@@ -8,7 +8,7 @@ from estlab.errors import UserError
 
 
 def shipped_filter(name: str) -> dict[str, Any]:
-    """The settings of a filter as plain data, as they are where no scenario says otherwise.
+    """The settings of a filter as plain data, with their defaults for no particular scenario.
 
     Raises UserError for a name that is not shipped.
     """
@@ -16,9 +16,9 @@ def shipped_filter(name: str) -> dict[str, Any]:
 
     from estlab.launch import resolvers
 
-    resolvers.register()
     known = options("filter")
     if name not in known:
         raise UserError(f"there is no filter {name}{nearest(name, list(known))} (one of {', '.join(known)})")
     config = OmegaConf.create({"filter": OmegaConf.load(conf_folder() / "filter" / f"{name}.yaml")})
-    return cast(dict[str, dict[str, Any]], OmegaConf.to_container(config, resolve=True))["filter"]
+    with resolvers.registered():
+        return cast(dict[str, dict[str, Any]], OmegaConf.to_container(config, resolve=True))["filter"]

@@ -1,8 +1,8 @@
-"""Weighted points of many runs, gone through in chunks that stay in the cache.
+"""Weighted points of many runs, processed in chunks that stay in the cache.
 
-A cloud is ``(n, N, runs)`` and its weights ``(N, runs)``. In memory each run's numbers of a component lie side by side,
-so that a sum over a run's points is taken in the same order whatever other runs there are: a run alone is, to the last
-bit, what it is among others.
+A cloud is ``(n, N, runs)`` and its weights ``(N, runs)``. In memory each run's numbers of a component lie side by
+side, so a sum over a run's points is always taken in the same order: a run alone equals that run among others to the
+last bit.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,39 +13,39 @@ import numpy as np
 from estlab.maths.gaussian_belief import Gaussian
 from estlab.maths.space import Array, Space
 
-# Numbers of one component in a chunk: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and so
-# many that calling NumPy costs little beside them. Of more numbers than these OpenBLAS shares a sum out among its
-# threads, and the order would be the machine's.
+# Numbers of one component in a chunk: few enough that a dozen such arrays stay in a second-level cache of 1 MB, and
+# so many that calling NumPy costs little beside them. OpenBLAS splits larger sums among its threads, and their order
+# would depend on the machine.
 CHUNK = 10_000
 
 Part = TypeVar("Part")
 
 
 def empty(n: int, count: int, runs: int) -> Array:
-    """Room for a cloud (n, count, runs), each run's numbers of a component side by side."""
+    """An uninitialised cloud (n, count, runs), each run's numbers of a component side by side."""
     return np.empty((n, runs, count)).swapaxes(1, 2)
 
 
 def even(count: int, runs: int, value: float) -> Array:
-    """The same number (count, runs) for all points."""
+    """Equal weights (count, runs) for all points."""
     return np.full((runs, count), value).T
 
 
 def laid_out(points: Array) -> Array:
-    """A copy of points (n, N, runs) that lies in memory as a cloud does."""
+    """A copy of points (n, N, runs) with the memory layout of a cloud."""
     cloud = empty(*points.shape)
     cloud[:] = points
     return cloud
 
 
 def groups(count: int, runs: int) -> Iterator[slice]:
-    """Runs, so many at once that a component of their points is about a chunk."""
+    """Groups of runs, so that a component of a group's points is about a chunk."""
     together = max(1, CHUNK // count)
     return (slice(first, min(first + together, runs)) for first in range(0, runs, together))
 
 
 def each(work: Callable[[slice], Part], count: int) -> list[Part]:
-    """What the work gives of each chunk of a run's points, in order; the chunks are the same whatever the runs are."""
+    """The result of the work for each chunk of a run's points, in order; the chunks do not depend on the runs."""
     return [work(slice(first, min(first + CHUNK, count))) for first in range(0, count, CHUNK)]
 
 
@@ -56,12 +56,12 @@ def fill(room: Array, components: tuple[Any, ...]) -> None:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Sums (*shape, runs) of the products of (*shape, N, runs), with N no more than a chunk."""
+    """Sums (*shape, runs) of the products of (*shape, N, runs), with N at most a chunk."""
     return np.vecdot(np.swapaxes(a, -1, -2), np.swapaxes(b, -1, -2))
 
 
 def combined(matrix: Array, vectors: Array) -> Array:
-    """A x for A (n, k, 1 or runs) and x (k, N, runs), without the products of zeros: most noises are independent."""
+    """A x for A (n, k, 1 or runs) and x (k, N, runs), skipping products with zeros: most noises are independent."""
     product = np.empty_like(vectors, shape=(matrix.shape[0], *vectors.shape[1:]))
     for row, place in zip(matrix, product, strict=True):
         terms = [(entry, vector) for entry, vector in zip(row, vectors, strict=True) if entry.any()]
@@ -76,7 +76,7 @@ def combined(matrix: Array, vectors: Array) -> Array:
 
 
 def mean(space: Space, points: Array, weights: Array) -> Array:
-    """Weighted mean (n, runs) of a cloud whose weights sum to one, of angles the circular one."""
+    """Weighted mean (n, runs) of a cloud whose weights sum to one; the circular mean for angles."""
     parts = each(lambda part: space.sums(points[:, part], weights[part]), len(weights))
     return space.mean_of(sum(parts[1:], parts[0]))
 
@@ -91,10 +91,10 @@ def moments(space: Space, points: Array, weights: Array) -> Gaussian:
 
 
 def sampled(points: Array, weights: Array, most: int) -> tuple[Array, Array]:
-    """A few points (n, S, runs) of a cloud and their weights (S, runs): of each stretch of neighbours the one in the
-    middle of their weights, with the weight of all.
+    """A few points (n, S, runs) of a cloud and their weights (S, runs): from each stretch of neighbours the one in
+    the middle of their weights, with the weight of all.
 
-    Nothing is drawn. After resampling, neighbours are of neighbouring parents, so that all of them have their share.
+    Nothing is random. After resampling, neighbours come from neighbouring parents, so every parent has its share.
     """
     n, count, runs = points.shape
     if count <= most:
@@ -131,7 +131,7 @@ def _moments(space: Space, points: Array, weights: Array) -> Gaussian:
 
 
 def take(values: Array, runs: Array | slice) -> Array:
-    """Those of some of the runs: values (*shape, runs), each run's side by side."""
+    """The values of some of the runs: (*shape, runs), each run's side by side."""
     return np.moveaxis(np.moveaxis(values, -1, -2)[..., runs, :], -2, -1)
 
 
@@ -150,5 +150,5 @@ def chosen(points: Array, runs: Array, indices: Array) -> Array:
     places = (indices + count * runs).T
     found = empty(n, count, len(runs))
     for component, room in zip(flat, found.swapaxes(1, 2), strict=True):
-        component.take(places, out=room, mode="clip")  # none is outside, and without clipping it would be copied
+        component.take(places, out=room, mode="clip")  # no index is out of range, and without clipping NumPy would copy
     return found

@@ -12,10 +12,11 @@ _RELATIVE_STEP_2 = 2.0 * np.finfo(float).eps ** (1 / 4)  # the same for second d
 
 
 def jacobian(function: Callable[[Array], Array], at: Array, space: Space) -> Array:
-    """Central-difference Jacobian (m, n, *batch) of a function (n, p, *batch) -> (m, p, *batch) at a point (n, *batch).
+    """Central-difference Jacobian (m, n, *batch) of a function (n, p, *batch) -> (m, p, *batch) at a point (n,
+    *batch).
 
-    All 2 n points go through the function in one call, and differences are taken in the function's own
-    ``space``, so that a bearing on the other side of the cut does not make a derivative of 2 pi / h.
+    All 2 n points go through the function in one call. Differences are taken in the function's own ``space``, so a
+    bearing on the other side of the cut does not make a derivative of 2 pi / h.
     """
     n = at.shape[0]
     step = RELATIVE_STEP * np.maximum(1.0, np.abs(at))

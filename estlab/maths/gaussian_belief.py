@@ -18,7 +18,7 @@ class Gaussian(NamedTuple):
     cov: Array
 
     def take(self, runs: Array) -> "Gaussian":
-        """The belief in some of the runs, for a covariance that has runs or none."""
+        """The belief in some of the runs; the covariance may be shared by all runs."""
         return Gaussian(self.mean[..., runs], self.cov[..., runs] if self.cov.ndim > 2 else self.cov)
 
     def replaced(self, runs: Array, part: "Gaussian") -> "Gaussian":
@@ -26,7 +26,7 @@ class Gaussian(NamedTuple):
         return Gaussian(replaced(self.mean, runs, part.mean), replaced(self.cov, runs, part.cov))
 
     def fitted(self) -> "Gaussian":
-        """Itself: any prior can be asked for the Gaussian that stands for it."""
+        """Itself: any prior can return the Gaussian with its moments."""
         return self
 
     def sample(self, generators: Generators, count: int) -> Array:

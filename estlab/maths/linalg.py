@@ -1,8 +1,8 @@
 """Dense algebra of many small matrices at once, components first.
 
-A matrix is ``(n, m, *batch)``: entry ``A[i, j]`` is contiguous over the batch, so that loops run over the few
-components in Python and over the many members of the batch in NumPy. A member that has no answer becomes NaN
-and its neighbours go on: ``numpy.linalg`` would raise for the whole stack.
+A matrix is ``(n, m, *batch)``: entry ``A[i, j]`` is contiguous over the batch, so Python loops over the few
+components and NumPy over the many members of the batch. A member without a result becomes NaN and the others
+continue: ``numpy.linalg`` would raise for the whole stack.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from estlab.maths.space import Array
 
-# Share of a variance, for each component of a matrix, by which rounding may miss what is left of it.
+# Share of a variance, for each component of a matrix, that rounding may leave as an error.
 ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 
@@ -29,7 +29,7 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def lower_matmul(factor: Array, b: Array) -> Array:
-    """L B for L (n, n, *batch), lower, and B (n, m, *batch): :func:`matmul` without the products of zeros."""
+    """L B for L (n, n, *batch), lower, and B (n, m, *batch): :func:`matmul` without the products with zeros."""
     if factor.ndim == 2:
         return matmul(factor, b)
     product = factor[:, 0, None] * b[None, 0]
@@ -49,10 +49,10 @@ def transpose(a: Array) -> Array:
 
 
 def summed(terms: Array, axis: int) -> Array:
-    """The sum along an axis, one after another, of terms that lie in memory in the order of their axes.
+    """The sum along an axis, in order, of terms that lie in memory in the order of their axes.
 
-    NumPy adds in another order where the axis is the last of more than one entry, and a filter near losing its way
-    magnifies the difference: a run alone shall be what it is among others.
+    NumPy adds in another order if the axis is the last one with more than one entry, and a filter close to divergence
+    magnifies the difference. A run alone must equal that run among others.
     """
     if terms.shape[axis] < 3 or math.prod(terms.shape[axis + 1 :]) > 1:
         return np.asarray(np.add.reduce(terms, axis=axis))
@@ -61,7 +61,7 @@ def summed(terms: Array, axis: int) -> Array:
 
 
 def mirrored(p: Array) -> Array:
-    """The same matrix (n, n, *batch) with what is above its diagonal replaced by what is below it, in place."""
+    """The same matrix (n, n, *batch) with the part above its diagonal replaced by the part below, in place."""
     for i in range(1, p.shape[0]):
         p[:i, i] = p[i, :i]
     return p
@@ -98,14 +98,15 @@ def cholesky(p: Array) -> Array:
     """L lower with L L' = P, for (n, n, *batch); all NaN where P is not positive semidefinite.
 
     Golub and Van Loan, Matrix Computations, 4th ed., algorithm 4.2.1 (by columns). Reads the lower triangle. A
-    component that varies with those before it alone has a pivot and a column of zeros: as in g g', the covariance of
-    position and velocity under white acceleration, whose factor has the one column g. See :func:`semidefinite`.
+    component that is determined by those before it has a pivot and a column of zeros. An example is g g', the
+    covariance of position and velocity under white acceleration, whose factor has the single column g. See
+    :func:`semidefinite`.
     """
     if p.ndim == 2:
         return _cholesky_of_one(p)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         factor = _by_columns(p)
-        # A failed pivot reaches the last one through its row, so one entry tells of the whole member.
+        # A failed pivot reaches the last one through its row, so one entry shows whether the member failed.
         failed = ~np.isfinite(factor[-1:, -1:])[0, 0] if p.shape[0] else np.zeros(p.shape[2:], dtype=bool)
     if failed.any():
         factor[:, :, failed] = _one_by_one(p[:, :, failed])
@@ -124,14 +125,15 @@ def _by_columns(p: Array) -> Array:
 
 
 def _one_by_one(p: Array) -> Array:
-    """For members (n, n, N) of which some have pivots of zero and others no factor."""
+    """For members (n, n, N), some of which have zero pivots and others no factor."""
     return np.stack([_cholesky_of_one(p[:, :, i]) for i in range(p.shape[2])], axis=2)
 
 
 def _cholesky_of_one(p: Array) -> Array:
-    """The same for a single matrix (n, n), in numbers: the same operations in the same order, without NumPy's calls.
+    """The same for a single matrix (n, n), in plain numbers: the same operations in the same order, without NumPy's
+    calls.
 
-    What has no variance at all, such as a noise that is off, has a factor too: nothing.
+    A matrix without any variance, such as a noise that is off, has a factor too: zero.
     """
     n = p.shape[0]
     if n == 0:
@@ -158,11 +160,13 @@ def _cholesky_of_one(p: Array) -> Array:
 
 
 def semidefinite(p: Array, factor: Array) -> None:
-    """L lower with L L' = P in the place of ``factor`` (n, n), for P (n, n) of any rank; it stays where there is none.
+    """L lower with L L' = P in the place of ``factor`` (n, n), for P (n, n) of any rank; unchanged if P has no
+    factor.
 
-    Cholesky's factor with complete pivoting of the correlations, which shows the rank, and its rows made triangular by
-    the modified Gram-Schmidt method. Higham 2002, section 10.3; Bjoerck 1967. Without pivots what rounding leaves of
-    zeros is divided by what it leaves of others. A matrix further from semidefinite than rounding has no factor.
+    Cholesky's factor, with complete pivoting, of the correlations, which reveals the rank; its rows are made
+    triangular by the modified Gram-Schmidt method. Higham 2002, section 10.3; Bjoerck 1967. Without pivoting, the
+    rounding errors of zeros would be divided by those of other zeros. A matrix further from semidefinite than
+    rounding explains has no factor.
     """
     n = p.shape[0]
     slack = n * ROUNDING
@@ -198,7 +202,7 @@ def semidefinite(p: Array, factor: Array) -> None:
             for c in range(n):
                 along += rows[i, c] * rows[k, c]
             if k == i:
-                # What of the row lies along none before it: its length, to which it is scaled.
+                # The part of the row orthogonal to all earlier ones: its length, to which it is scaled.
                 along = math.sqrt(along)
                 if along <= slack:
                     along = 0.0
@@ -239,7 +243,7 @@ def solve_lower_transposed(factor: Array, b: Array) -> Array:
 
 
 def _alike(a: Array, b: Array) -> tuple[Array, Array]:
-    """Two matrices with as many axes of batch: a constant one has axes of length one."""
+    """Two matrices with the same number of batch axes: a constant one gets axes of length one."""
     more = a.ndim - b.ndim
     if more > 0:
         b = b.reshape(*b.shape, *(1,) * more)
@@ -249,7 +253,7 @@ def _alike(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def without(cov: Array, missing: Array) -> Array:
-    """A covariance (m, m, *batch or nothing) in which what is missing (m, *batch) is independent, of unit variance."""
+    """A covariance (m, m, *batch or nothing) with missing entries (m, *batch) independent, of unit variance."""
     more = missing.ndim - 1
     whole = cov.reshape(*cov.shape, *(1,) * (more - cov.ndim + 2))
     if not missing.any():

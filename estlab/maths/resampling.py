@@ -1,4 +1,4 @@
-"""Choosing with replacement by weight. Douc, Cappe and Moulines 2005; Li, Bolic and Djuric 2015."""
+"""Random choice with replacement by weight. Douc, Cappe and Moulines 2005; Li, Bolic and Djuric 2015."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -13,8 +13,9 @@ SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 
 class Weights(NamedTuple):
-    """Weights of sum one and their logarithms (N, runs), the effective size of each run's sample (runs,), and which
-    runs (runs,) had none left and got equal ones."""
+    """Weights that sum to one and their logarithms (N, runs), the effective size of each run's sample (runs,), and
+    the runs (runs,) that had no weight left and got equal ones.
+    """
 
     log: Array
     linear: Array
@@ -23,12 +24,12 @@ class Weights(NamedTuple):
 
     @classmethod
     def even(cls, count: int, runs: int) -> "Weights":
-        """The same for all."""
+        """Equal weights."""
         log, linear = (cloud.even(count, runs, value) for value in (-np.log(count), 1.0 / count))
         return cls(log, linear, np.full(runs, float(count)), np.zeros(runs, dtype=bool))
 
     def take(self, runs: Array) -> "Weights":
-        """Those of some of the runs."""
+        """The weights of some of the runs."""
         return Weights(cloud.take(self.log, runs), cloud.take(self.linear, runs), self.size[runs], self.vanished[runs])
 
     def replaced(self, runs: Array, part: "Weights") -> "Weights":
@@ -37,7 +38,7 @@ class Weights(NamedTuple):
 
     @classmethod
     def of_logs(cls, logs: Array) -> "Weights":
-        """Those with these logarithms (N, runs) but for a factor; NaN is none. The array is taken over."""
+        """Weights with these logarithms (N, runs), up to a factor; NaN means zero weight. Reuses the array."""
         count, runs = logs.shape
         top = logs.max(axis=0)
         vanished = ~np.isfinite(top)
@@ -53,7 +54,7 @@ class Weights(NamedTuple):
 
 
 def _normalise(logs: Array, top: Array, linear: Array) -> Array:
-    """Log-weights (N, runs) less what their exponentials, put into ``linear``, sum to; the effective sizes (runs,)."""
+    """Normalised log-weights (N, runs), with their exponentials stored in ``linear``; the effective sizes (runs,)."""
 
     def exponentials(part: slice) -> Array:
         logs[part] -= top
@@ -71,7 +72,7 @@ def _normalise(logs: Array, top: Array, linear: Array) -> Array:
 
 
 def resample(scheme: Scheme, weights: Array, generators: Generators) -> Array:
-    """Indices (N, runs), each drawn N times its weight in the mean, with replacement; weights (N, runs)."""
+    """Indices (N, runs), each drawn N times its weight on average, with replacement; weights (N, runs)."""
     count, runs = weights.shape
     u = generators.uniforms((1 if scheme == "systematic" else count,))
     if scheme in ("systematic", "stratified"):
@@ -83,10 +84,10 @@ def resample(scheme: Scheme, weights: Array, generators: Generators) -> Array:
 
 
 def _one_a_stratum(weights: Array, u: Array) -> Array:
-    """For each of N equal shares of the weight, the point in which (share + u) / N of it lies; u (1 or N, runs).
+    """For each of N equal shares of the weight, the point that contains (share + u) / N of it; u (1 or N, runs).
 
-    A point's edge, the weight up to its end, tells within one how many of the positions are below it, and looking at
-    these tells it exactly: as a search for each position would, without the search.
+    A point's edge, the weight up to its end, shows to within one how many of the positions lie below it. Checking
+    those gives the exact number, as a search for each position would, without the search.
     """
     count, runs = weights.shape
     edges = np.cumsum(weights.T, axis=1)
@@ -98,7 +99,7 @@ def _one_a_stratum(weights: Array, u: Array) -> Array:
     at, below = guess + (count + 3) * np.arange(runs)[:, None], guess - 1
     for near in range(3):
         below += positions.take(at + near) < edges
-    below[:, -1] = count  # what rounding leaves beyond the last edge is the last point's
+    below[:, -1] = count  # positions beyond the last edge, by rounding, belong to the last point
     copies = np.diff(below, axis=1, prepend=0)
     return np.repeat(np.broadcast_to(share, copies.shape).reshape(-1), copies.reshape(-1)).reshape(runs, count).T
 
@@ -107,7 +108,7 @@ def _choose(scheme: Scheme, weights: Array, u: Array) -> Array:
     count = weights.size
     if scheme == "multinomial":
         return _pick(weights, np.sort(u))
-    # Residual: each its whole part of N w for certain, the rest at random by what is left over.
+    # Residual: the integer part of N w copies for certain, the rest at random by the remainders.
     copies = np.floor(count * weights).astype(int)
     certain = np.repeat(np.arange(count), copies)
     left = count * weights - copies

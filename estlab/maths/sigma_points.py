@@ -1,4 +1,4 @@
-"""Transforms by points: a few places weighted so that low moments of a Gaussian come out right."""
+"""Transforms by points: a few points, weighted so that they have the low moments of a Gaussian."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,36 +11,38 @@ from estlab.maths.linalg import cholesky, gram, lower_matmul, matmul, summed, tr
 from estlab.maths.space import Array
 from estlab.maths.transforms import Function, Moments
 
-# The least squared distance of points, in standard deviations. A point's image and the mean's are known to 2e-16 of
-# their size each, and the mean is the sum of their differences over twice this square. Of a state a thousand standard
-# deviations from zero it is then off by a twentieth of one (measured on the field: docs/statistics.md).
+# The smallest squared distance of points, in standard deviations. A point's image and the mean's are known to 2e-16
+# of their size, and the mean is the sum of their differences over twice this square. If a state is a thousand
+# standard deviations from zero, the mean is then off by a twentieth of one (measured on the field:
+# docs/statistics.md).
 _NEAREST2 = 1e3 * np.finfo(float).eps / 0.05
 _HIGHEST_ORDER = 300  # of a Gauss-Hermite rule; from 380 on its weights overflow
 
 
 class SigmaPoints(ABC):
-    """Weighted points about the mean; a subclass says where they lie and what they weigh.
+    """Weighted points about the mean; a subclass defines their positions and weights.
 
-    Everything is taken about the image of the mean, d_i = f(x_i) - f(mean). With weights w_i of the points and
-    m = sum w_i d_i, the covariance  sum w_i (d_i - m)(d_i - m)'  is  sum w_i d_i d_i' - m m', whatever the
-    centre's weight w_0 = 1 - sum w_i, since d_0 = 0. That weight, near -1e6 for the scaled points at alpha = 1e-3,
-    never appears, and nothing cancels. Sets whose centre counts otherwise in the covariance say so in ``bonus``.
+    All moments are taken about the image of the mean, d_i = f(x_i) - f(mean). With weights w_i of the points and m =
+    sum w_i d_i, the covariance  sum w_i (d_i - m)(d_i - m)'  is  sum w_i d_i d_i' - m m', whatever the centre's
+    weight w_0 = 1 - sum w_i, because d_0 = 0. That weight, near -1e6 for the scaled points at alpha = 1e-3, never
+    appears, and nothing cancels. Sets whose centre has another weight in the covariance give the difference as
+    ``bonus``.
     """
 
     @abstractmethod
     def weights(self, n: int) -> Array:
-        """What each point weighs, (p,), without the centre. Raises ValueError if n dimensions cannot be."""
+        """The weight of each point, (p,), without the centre. Raises ValueError if n dimensions are not possible."""
 
     @abstractmethod
     def offsets(self, factor: Array) -> Array:
-        """Where the points lie (n, p, *batch) from the mean, for the covariance's factor (n, n, *batch)."""
+        """The points' offsets (n, p, *batch) from the mean, for the covariance's factor (n, n, *batch)."""
 
     def bonus(self) -> float:
-        """The centre's weight in the covariance less that in the mean."""
+        """The centre's weight in the covariance minus that in the mean."""
         return 0.0
 
     def check(self, n: int) -> None:
-        """Raise ValueError, naming the parameter, if there is no such set in n dimensions."""
+        """Raise ValueError that names the parameter if there is no such set in n dimensions."""
         self.weights(n)
 
     def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments:
@@ -71,7 +73,7 @@ class SigmaPoints(ABC):
 
 
 class SymmetricSigmaPoints(SigmaPoints):
-    """Two points on each axis of the covariance, all of one weight."""
+    """Two points on each axis of the covariance, all of equal weight."""
 
     @abstractmethod
     def spread2(self, n: int) -> float:
@@ -80,13 +82,13 @@ class SymmetricSigmaPoints(SigmaPoints):
     def check(self, n: int) -> None:
         if self.spread2(n) < _NEAREST2:
             raise ValueError(
-                f"{self.width} puts the points {np.sqrt(self.spread2(n)):.2g} standard deviations from the mean of "
-                f"{n} dimensions, where rounding is as large as what they show; "
-                f"from {np.sqrt(_NEAREST2):.2g} on they have digits, so raise it"
+                f"{self.width} puts the points {np.sqrt(self.spread2(n)):.2g} standard deviations from the mean "
+                f"of {n} dimensions, where rounding errors dominate; raise it so that they lie at least "
+                f"{np.sqrt(_NEAREST2):.2g} away"
             )
         super().check(n)
 
-    width = "their spread"  # the key that decides on it
+    width = "their spread"  # the key that determines it
 
     def weights(self, n: int) -> Array:
         return np.full(2 * n, 0.5 / self.spread2(n))
@@ -105,7 +107,7 @@ class SymmetricSigmaPoints(SigmaPoints):
         return points
 
     def cross(self, factor: Array, weights: Array, of_value: Array) -> Array:
-        """Of points that lie opposite each other: the sum over the axes of L (of one's value less the other's)."""
+        """For points opposite each other: the sum over the axes of L times the difference of their values."""
         n = factor.shape[0]
         difference = of_value[:, :n] - of_value[:, n:]
         return (weights * np.sqrt(self.spread2(n))) * lower_matmul(factor, transpose(difference))
@@ -115,11 +117,11 @@ class SymmetricSigmaPoints(SigmaPoints):
 class Scaled(SymmetricSigmaPoints):
     """The scaled unscented transform. Van der Merwe 2004, section 3.2.2; Julier 2002.
 
-    n + lambda = alpha^2 (n + kappa). alpha = 1 by default: at 1e-3, the value of many texts, the points lie so
-    close together that correct implementations differ in the second digit on strongly nonlinear problems.
+    n + lambda = alpha^2 (n + kappa). alpha = 1 by default: at 1e-3, the value in many texts, the points lie so close
+    together that correct implementations differ in the second digit on strongly nonlinear problems.
 
-    alpha: > 0, how wide the points lie. beta: >= 0, 2 for Gaussians. kappa: > -n, 0 or 3 - n usually.
-    Raises ValueError outside these ranges; n is known only once the transform meets a belief.
+    alpha: > 0, the spread of the points. beta: >= 0, 2 for Gaussians. kappa: > -n, usually 0 or 3 - n.
+    Raises ValueError outside these ranges; n is known only when the transform meets a belief.
     """
 
     alpha: float
@@ -133,7 +135,7 @@ class Scaled(SymmetricSigmaPoints):
             raise ValueError(f"alpha must be > 0, got {self.alpha:g}")
         if not 1e-8 <= self.alpha <= 1e8:
             raise ValueError(
-                f"alpha must be from 1e-8 to 1e8, got {self.alpha:g}: nearer or farther points have no digits"
+                f"alpha must be from 1e-8 to 1e8, got {self.alpha:g}: rounding errors dominate closer or farther points"
             )
         if not 0.0 <= self.beta <= 1e8:
             raise ValueError(f"beta must be >= 0 and at most 1e8, got {self.beta:g}")
@@ -185,11 +187,13 @@ class GaussHermite(SigmaPoints):
 
     def __post_init__(self) -> None:
         if not 2 <= self.order <= _HIGHEST_ORDER:
-            raise ValueError(f"order must be from 2 to {_HIGHEST_ORDER}, got {self.order}: beyond, weights overflow")
+            raise ValueError(
+                f"order must be from 2 to {_HIGHEST_ORDER}, got {self.order}: weights overflow beyond that"
+            )
 
     def weights(self, n: int) -> Array:
         if self.order**n > 20_000:
-            fewer = "lower it, or set noise=additive" if 2**n <= 20_000 else "take another filter, such as ckf"
+            fewer = "lower it, or set noise=additive" if 2**n <= 20_000 else "use another filter, such as ckf"
             raise ValueError(
                 f"order = {self.order} makes {self.order**n:.4g} points in {n} dimensions, more than 20000; {fewer}"
             )
@@ -201,7 +205,7 @@ class GaussHermite(SigmaPoints):
 
 @lru_cache
 def _weights(points: SigmaPoints, n: int, axes: int) -> Array:
-    """What each point weighs (p, 1, ...), with so many axes of batch; one number where all weigh the same."""
+    """The weight of each point (p, 1, ...), with enough batch axes; a single number if all are equal."""
     weights = points.weights(n)
     return weights[0] if (weights == weights[0]).all() else weights.reshape(-1, *(1,) * axes)
 
@@ -216,10 +220,10 @@ def _beyond(kappa: float, n: int) -> float:
 
 @lru_cache
 def _simplex(n: int) -> Array:
-    """Corners (n, n + 1) with mean zero and, of equal weights, covariance one."""
+    """Corners (n, n + 1) with mean zero and, with equal weights, covariance one."""
     corners = np.zeros((n, n + 1))
     for i in range(n):
-        # Axis i splits corner i + 1 from the ones before it, which stay together.
+        # Axis i separates corner i + 1 from the earlier ones, which stay together.
         corners[i, : i + 1] = -1.0
         corners[i, i + 1] = i + 1.0
         corners[i] /= np.sqrt((i + 1.0) * (i + 2.0) / (n + 1.0))

@@ -1,4 +1,4 @@
-"""What the components of a vector are, and how to subtract, add and average them."""
+"""The components of a vector, and how to subtract, add and average them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +17,10 @@ def wrap(angle: Any) -> Any:
 
 
 def cos_sin(angle: Any) -> tuple[Any, Any]:
-    """Cosine and sine of an angle [rad], to 2e-16, by the tangent of its half.
+    """Cosine and sine of an angle [rad], to 2e-16, by the tangent of half the angle.
 
-    NumPy's tangent is vectorised where its cosine and sine of doubles are not: both in a quarter of the time. An angle
-    that is no number yet (estlab.compiled.symbols) has a way of its own.
+    NumPy's tangent is vectorised; its cosine and sine of doubles are not. Both together take a quarter of the time
+    this way. A symbolic angle (estlab.compiled.symbols) has its own method.
     """
     if (own := getattr(angle, "cos_sin", None)) is not None:
         cosine, sine = own()
@@ -35,11 +35,11 @@ def cos_sin(angle: Any) -> tuple[Any, Any]:
 class Space:
     """A vector space in which some components are angles.
 
-    Vectors are arrays of shape ``(n, *batch)``. Everything outside this class may subtract, add and
-    average states and readings without knowing that pi exists.
+    Vectors are arrays of shape ``(n, *batch)``. Code outside this class subtracts, adds and averages states and
+    readings without knowing that pi exists.
 
-    names, units: one per component. angles: the indices of the components that wrap.
-    position: the indices of the components that together are a place, scored as one distance.
+    names, units: one per component. angles: the indices of the components that wrap. position: the indices of the
+    components that together form a position, scored as one distance.
     """
 
     names: tuple[str, ...]
@@ -53,20 +53,20 @@ class Space:
 
     @cached_property
     def _angles(self) -> tuple[int | slice, ...]:
-        """The angles, neighbours as one stretch, so that they are wrapped at once."""
+        """The angles, with neighbours as one slice, so that they are wrapped at once."""
         first = [i for i in self.angles if i - 1 not in self.angles]
         ends = [next(k for k in range(i, self.size + 1) if k not in self.angles) for i in first]
         return tuple(i if end == i + 1 else slice(i, end) for i, end in zip(first, ends, strict=True))
 
     def minus(self, a: Array, b: Array) -> Array:
-        """a - b, the short way round for angles; shapes (n, *batch) that broadcast."""
+        """a - b, with angles the short way round; shapes (n, *batch) that broadcast."""
         difference = np.asarray(a - b)
         for part in self._angles:
             difference[part] = wrap(difference[part])
         return difference
 
     def plus(self, a: Array, step: Array) -> Array:
-        """a + step with angles brought back to [-pi, pi]; the inverse of :meth:`minus`."""
+        """a + step with angles wrapped to [-pi, pi]; the inverse of :meth:`minus`."""
         total = np.asarray(a + step)
         for part in self._angles:
             total[part] = wrap(total[part])
@@ -82,23 +82,26 @@ class Space:
         return wrapped
 
     def mean(self, points: Array, weights: Array) -> Array:
-        """Weighted mean of points (n, p, *batch) that may lie all round; weights (p, *batch) >= 0 of sum one.
+        """Weighted mean of points (n, p, *batch) with angles anywhere on the circle; weights (p, *batch) >= 0 that
+        sum to one.
 
-        Angles by the circular mean, the direction of the sum of unit vectors. Mardia and Jupp 2000, section 2.2.1.
+        For angles the circular mean, the direction of the sum of unit vectors. Mardia and Jupp 2000, section 2.2.1.
         """
         return self.mean_of(self.sums(points, weights))
 
     def sums(self, points: Array, weights: Array) -> Array:
-        """Weighted sums (n + number of angles, *batch) of points (n, p, *batch), as :meth:`mean_of` wants them.
+        """Weighted sums (n + number of angles, *batch) of points (n, p, *batch), as :meth:`mean_of` needs them.
 
-        Of an angle that of the cosine in its place, that of the sine after all. Those of parts of the points add up.
+        For an angle, the sum of cosines in its place and the sum of sines after all components. Sums over parts of
+        the points can be added.
         """
-        # The sum is taken over what lies side by side in a cloud (estlab.maths.cloud).
+        # The sum runs over numbers that are contiguous in a cloud (estlab.maths.cloud).
         values, weight = np.moveaxis(points, 1, -1), np.moveaxis(weights, 0, -1)
         total = np.empty((self.size + len(self.angles), *points.shape[2:]))
         np.vecdot(values, weight, out=total[: self.size])
         for k, i in enumerate(self.angles):
-            # Cosine and sine by one tangent: NumPy's is vectorised, and theirs are not and take several times as long.
+            # Cosine and sine by one tangent: NumPy's tangent is vectorised; its sine and cosine are not and take
+            # several times as long.
             half = np.tan(0.5 * values[i])
             square = half * half
             share = weight / (1.0 + square)

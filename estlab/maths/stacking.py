@@ -1,4 +1,4 @@
-"""A matrix as rows of components, of which those that are constant are numbers: they cost nothing over the batch."""
+"""A matrix as rows of components. Constant components are plain numbers: they cost nothing over the batch."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -34,11 +34,11 @@ def matrix(rows: Rows, batch: tuple[int, ...]) -> Array:
 def through(rows: Rows, cov: Array, batch: tuple[int, ...]) -> tuple[Rows, Array]:
     """Rows of A P, and A P A' (m, m, *batch), symmetric to the last bit, for a symmetric P (n, n, *batch).
 
-    P may also be constant, (n, n). Entries of A and of a constant P that are 0, 1 or -1 as Python's own numbers cost no
+    P may also be constant, (n, n). Entries of A and of a constant P that are 0, 1 or -1 as Python numbers cost no
     multiplication.
     """
     if not batch:
-        # Of a single member, calls of NumPy cost more than the arithmetic that they spare.
+        # For a single member, calls of NumPy cost more than the arithmetic that they save.
         a = np.array(rows).reshape(len(rows), cov.shape[0])
         carried = summed(a[:, None] * cov, 2)
         return carried, mirrored(summed(carried[:, None] * a, 2))
@@ -56,7 +56,7 @@ def through(rows: Rows, cov: Array, batch: tuple[int, ...]) -> tuple[Rows, Array
 
 
 def _entries(row: Sequence[Any]) -> list[tuple[int, Any]]:
-    """The entries of a row that are not a constant zero, each with its place."""
+    """The entries of a row that are not a constant zero, each with its index."""
     return [(k, entry) for k, entry in enumerate(row) if type(entry) is not float or entry != 0.0]
 
 

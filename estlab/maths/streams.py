@@ -1,4 +1,4 @@
-"""Random numbers by name: who asks decides what is drawn, never when or where."""
+"""Random numbers by name: the name determines the numbers, not the time or place of the request."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -17,8 +17,8 @@ from estlab.maths.space import Array
 class Streams:
     """Independent streams keyed by seed, owner, purpose and run number.
 
-    Truth, readings, prior and each filter have streams of their own, so every filter meets the same truth and
-    readings, and run k is the same alone, in any block and on any worker.
+    Truth, readings, prior and each filter have their own streams. So every filter meets the same truth and readings,
+    and run k is the same alone, in any block and on any worker.
     """
 
     seed: int
@@ -34,7 +34,7 @@ class Streams:
         return np.ascontiguousarray(self.generators(purpose, runs).normals(shape))
 
     def generators(self, purpose: str, runs: Sequence[int]) -> "Generators":
-        """The generators of several runs, to be drawn from as one goes along."""
+        """The generators of several runs, for numbers that are drawn step by step."""
         return Generators(partial(seeded, self.seed, self._key(purpose), runs))
 
     def seeds(self, purpose: str, runs: Sequence[int]) -> Array:

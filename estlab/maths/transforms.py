@@ -1,6 +1,6 @@
-"""A Gaussian belief through a nonlinear function: mean, covariance and cross-covariance of what comes out.
+"""A Gaussian belief through a nonlinear function: mean, covariance and cross-covariance of the result.
 
-This is all in which the members of the Gaussian filter family differ. Transforms by points are in sigma_points.
+The members of the Gaussian filter family differ only in this. Transforms by points are in sigma_points.
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ from estlab.maths.stacking import Rows, matrix, through
 @renamed(slope="jacobian", slope_rows="jacobian_rows", curvature="hessians")
 @dataclass(frozen=True)
 class Function:
-    """A model with everything but its argument fixed.
+    """A model with everything fixed except its argument.
 
-    evaluate: (n, *batch) -> (m, *batch), the batch having any number of points, first, or none. space: of the values.
+    evaluate: (n, *batch) -> (m, *batch), where the batch may have a first axis of points. space: of the values.
     stated_jacobian: (n, *batch) -> m rows of n components; stated_hessians: (n, *batch) -> (m, n, n, *batch); None:
     by differences.
     """
@@ -49,7 +49,7 @@ class Function:
 class Moments(NamedTuple):
     """Mean (m, *batch), covariance (m, m, *batch) and cross-covariance with the argument (n, m, *batch) or empty.
 
-    Angles in the mean are as they come, not brought back to [-pi, pi].
+    Angles in the mean are not wrapped to [-pi, pi].
     """
 
     mean: Array
@@ -59,10 +59,10 @@ class Moments(NamedTuple):
 
 @runtime_checkable
 class Transform(Protocol):
-    """A belief through a function. crossed: whether the cross-covariance is wanted; it may be empty if not."""
+    """A belief through a function. crossed: whether the cross-covariance is needed; it may be empty if not."""
 
     def check(self, n: int) -> None:
-        """Raise ValueError, naming the parameter, if the transform is not defined in n dimensions."""
+        """Raise ValueError that names the parameter if the transform is not defined in n dimensions."""
 
     def __call__(self, function: Function, belief: Gaussian, crossed: bool = True) -> Moments: ...
 
@@ -77,7 +77,7 @@ class Linearised:
         return self.about(function, belief, belief.mean, None)
 
     def about(self, function: Function, belief: Gaussian, at: Array, offset: Array | None) -> Moments:
-        """Expansion about a point (n, *batch), from which the mean lies at this offset (n, *batch), or not at all."""
+        """Expansion about a point (n, *batch). offset: of the mean from the point (n, *batch), or none."""
         jacobian, batch = function.jacobian_rows(at), at.shape[1:]
         jacobian_cov, cov = through(jacobian, belief.cov, batch)  # F P, F P F'
         mean = function.evaluate(at)
@@ -91,8 +91,8 @@ class SecondOrder:
     """Second-order Taylor expansion about the mean.
 
     The mean gains b_i = tr(H_i P) / 2. ``gaussian`` adds tr(H_i P H_j P) / 2 to the covariance, exact for a quadratic
-    function of a Gaussian (Bar-Shalom, Li and Kirubarajan 2001, section 10.3.2); ``modified`` leaves the covariance as
-    linearised, as the document 004 prints it (but for its factor 1/2, which is there twice).
+    function of a Gaussian (Bar-Shalom, Li and Kirubarajan 2001, section 10.3.2). ``modified`` leaves the covariance
+    linearised, as document 004 prints it (except for its factor 1/2, which appears twice there).
     """
 
     form: Literal["gaussian", "modified"]

@@ -1,4 +1,4 @@
-"""A belief that knows nothing but the bounds."""
+"""A uniform belief: it knows only the bounds."""
 
 from typing import NamedTuple
 
@@ -19,11 +19,11 @@ class Uniform(NamedTuple):
     runs: int
 
     def take(self, runs: Array) -> "Uniform":
-        """The same in some of the runs."""
+        """The belief in some of the runs."""
         return self._replace(runs=runs.size)
 
     def fitted(self) -> Gaussian:
-        """The Gaussian of the same mean (n, runs) and covariance (n, n)."""
+        """The Gaussian with the same mean (n, runs) and covariance (n, n)."""
         mean = np.repeat(0.5 * (self.low + self.high)[:, None], self.runs, axis=1)
         return Gaussian(mean, np.diag((self.high - self.low) ** 2 / 12.0))
 

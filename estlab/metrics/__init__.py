@@ -1,1 +1,1 @@
-"""Errors and consistency of an ensemble, with intervals. Arrays in, numbers out; nothing is read or written."""
+"""Errors and consistency of an ensemble, with intervals. Takes arrays and returns numbers; reads and writes nothing."""

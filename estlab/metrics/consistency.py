@@ -1,7 +1,7 @@
-"""Is a filter what it says it is: tests over independent runs, all together with 5 % of false alarms.
+"""Tests of whether a filter's stated uncertainty is honest, over independent runs, with 5 % of false alarms in total.
 
-Steps of one run are correlated, so a test never counts them as if they were independent: each run answers once, and the
-test is over the runs. Only innovations, which a right filter leaves white, are also counted within a run.
+Steps of one run are correlated, so a test never counts them as independent: each run contributes one number, and the
+test is over the runs. Only innovations, which a correct filter leaves white, are also counted within a run.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,11 +29,11 @@ from estlab.metrics.moments import SampleMoments
 from estlab.metrics.scores import LAGS
 from estlab.metrics.tally import Tally
 
-FEWEST = 5  # runs for a test over runs
-_LAWFUL = 0.95  # share of the steps at which a sampled covariance must have a law
+FEWEST = 5  # runs needed for a test over runs
+_LAWFUL = 0.95  # share of the steps at which the distribution of a sampled covariance must be known
 _SINGLE_LAGS = 20
 
-# The least share of errors of any law that three of its standard deviations hold: Chebyshev's inequality.
+# The smallest share of errors of any distribution within three of its standard deviations: Chebyshev's inequality.
 LEAST_INSIDE = 1.0 - 1.0 / 9.0
 
 NEES, NIS, BIAS, WHITENESS, INSIDE = "nees", "nis", "bias", "whiteness", "inside_3sigma"
@@ -42,10 +42,10 @@ NEES, NIS, BIAS, WHITENESS, INSIDE = "nees", "nis", "bias", "whiteness", "inside
 class Test(NamedTuple):
     """One test of one filter.
 
-    of: what the value is of, where there are several. found: with the interval that leaves out what should be just
-    where the test rejects. expected: of a consistent filter. p: of the test; adjusted: for there being several tests
-    (Holm). level: at which Holm's method judges it, which is that of the interval. why: the reason where there is no
-    answer, p being NaN.
+    of: which of several values this is. found: with the interval that excludes the expected value exactly where the
+    test rejects. expected: for a consistent filter. p: of the test; adjusted: for the number of tests (Holm). level:
+    at which Holm's method judges the test, which is also the interval's. why: the reason if there is no answer; p is
+    then NaN.
     """
 
     name: str
@@ -59,13 +59,13 @@ class Test(NamedTuple):
 
     @property
     def rejected(self) -> bool:
-        """Whether it fails, all tests together having 5 % of false alarms."""
+        """Whether the test rejects, with 5 % of false alarms for all tests together."""
         return bool(self.adjusted < LEVEL)
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """A test before it is known at which level it is judged. at_level: what the value is of, and the value."""
+    """A test before its level is known. at_level: the name and the value at a level."""
 
     name: str
     expected: float
@@ -75,7 +75,7 @@ class _Asked:
 
 
 def consistency_tests(tally: Tally) -> list[Test]:
-    """NEES, NIS, bias and whiteness, in this order; and the shares inside 3 sigma where they say what NEES cannot."""
+    """NEES, NIS, bias and whiteness, in this order; and the shares inside 3 sigma where NEES cannot be judged."""
     asked = [_nees(tally), _nis(tally), _bias(tally), _whiteness(tally), *_inside(tally)]
     p_values = np.array([np.nan if one.why else one.p for one in asked])
     adjusted, levels = holm(p_values), judged_at(p_values)
@@ -92,9 +92,10 @@ def _answered(asked: _Asked, adjusted: float, level: float) -> Test:
 
 
 def nees_of(tally: Tally, which: str = "") -> tuple[str, SampleMoments]:
-    """What NEES is divided by, and each run's quotient: n, or the mean of its law where covariances are a sample's.
+    """What NEES is divided by, and each run's quotient: n, or the mean of its distribution for sampled covariances.
 
-    Of steps with a law alone; but of all, by n, where too many have none. which: "_converged" for these runs alone.
+    Uses only steps at which the distribution is known; if too many have none, uses all steps and divides by n. which:
+    "_converged" for those runs only.
     """
     if tally.sampled and not sample_too_small(tally):
         return "expected", tally.moments[f"nees{which}"]
@@ -102,7 +103,7 @@ def nees_of(tally: Tally, which: str = "") -> tuple[str, SampleMoments]:
 
 
 def _nees(tally: Tally) -> _Asked:
-    """Each run's mean NEES over its law's is one on average. Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2."""
+    """Each run's mean NEES over its expectation averages one. Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2."""
     of, moments = nees_of(tally)
     why = _unscored(tally, moments) or _too_few(tally, tally.runs) or sample_too_small(tally)
     why = why or _too_few(tally, moments.count)
@@ -110,22 +111,23 @@ def _nees(tally: Tally) -> _Asked:
 
 
 def _nis(tally: Tally) -> _Asked:
-    """NIS over its law's mean is one on average; over all innovations of few runs, a chi-square.
+    """NIS over its expectation averages one; over all innovations of few runs it is a chi-square.
 
-    The mean is the numbers measured, or less with a gate. What a gate takes off the variance is not allowed for: with
-    few runs the test is then somewhat too lenient.
+    The expectation is the number of values measured, or less with a gate. The reduced variance with a gate is not
+    accounted for: with few runs the test is then somewhat too lenient.
     """
     moments, of = tally.moments["nis"], "expected" if tally.gated else "m"
     runs = int(moments.count)
     if runs == 0 or not _too_few(tally, runs):
         why = "" if runs else _no_innovations(tally)
         return _Asked(NIS, 1.0, positive_test(moments, 1.0), lambda level: (of, positive_interval(moments, level)), why)
-    # Of all innovations, not the mean of the runs' means: a run with few of them says little.
+    # The mean over all innovations, not over the runs' means: a run with few innovations says little.
     freedom = float(tally.sums["measured"].sum()) / (runs if tally.repeated else 1)
     value = float(tally.sums["nis"].sum() / tally.sums["nis_mean"].sum())
 
     def at_level(level: float) -> tuple[str, Estimate]:
-        # The interval of a scale: where the total would lie in the band of a filter whose NIS is that much larger.
+        # The interval of a scale: where the total would lie in the band of a filter whose NIS is larger by that
+        # factor.
         lower, upper = (float(bound) for bound in chi_square_band(np.array(freedom), level))
         return of, Estimate(value, value / upper, value / lower, 1 if tally.repeated else runs)
 
@@ -133,10 +135,10 @@ def _nis(tally: Tally) -> _Asked:
 
 
 def _bias(tally: Tally) -> _Asked:
-    """Each run's mean of error over sigma is zero on average, in every component.
+    """Each run's mean of error over sigma averages zero, in every component.
 
     The normalised mean estimation error of Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2, averaged over time
-    within a run and tested over runs, each component by Student's t, all together by Bonferroni.
+    within a run and tested over runs, with Student's t for each component and a Bonferroni correction.
     """
     moments, names = tally.moments["bias"], tally.space.names
     why = _unscored(tally, moments) or _too_few(tally, tally.runs) or _too_few(tally, moments.count)
@@ -144,9 +146,10 @@ def _bias(tally: Tally) -> _Asked:
 
 
 def _whiteness(tally: Tally) -> _Asked:
-    """Whitened innovations do not correlate with those before, at any lag: as bias over runs, by their law in one run.
+    """Whitened innovations do not correlate with earlier ones, at any lag; tested over runs, or by their distribution
+    in one.
 
-    The value is the correlation at the lag where it is furthest from zero.
+    The value is the correlation furthest from zero.
     """
     moments = tally.moments["correlation"]
     names = [f"lag {lag + 1}" for lag in range(LAGS)]
@@ -177,11 +180,12 @@ def _whiteness(tally: Tally) -> _Asked:
 
 
 def single_correlations(whitened: Array, lags: int) -> tuple[Array, Array]:
-    """Correlations of one run's whitened innovations (m, N) at lags 1, 2, ..., and the deviation of each if white.
+    """Correlations of one run's whitened innovations (m, N) at lags 1, 2, ..., and the standard deviation of each if
+    white.
 
-    Of m N independent standard normal numbers, the sum of m (N - l) products over that of their squares has variance
-    (N - l) / (N (m N + 2)), since a quotient does not depend on its denominator. The mean is zero by hypothesis, so
-    none is subtracted. Ljung and Box 1978, equation 2.2, is that of m = 1.
+    For m N independent standard normal numbers, the sum of m (N - l) products over the sum of their squares has
+    variance (N - l) / (N (m N + 2)), because the quotient is independent of its denominator. The mean is zero by
+    hypothesis, so none is subtracted. Ljung and Box 1978, equation 2.2, is the case m = 1.
     """
     m, count = whitened.shape
     products = np.stack([(whitened[:, lag:] * whitened[:, : count - lag]).sum() for lag in range(1, lags + 1)])
@@ -189,10 +193,11 @@ def single_correlations(whitened: Array, lags: int) -> tuple[Array, Array]:
 
 
 def _inside(tally: Tally) -> list[_Asked]:
-    """Where NEES has no law, the component of which 3 sigma hold fewer errors than of any law, if there is one.
+    """If NEES has no known distribution: the component with fewer errors within 3 sigma than any distribution allows,
+    if any.
 
-    A standard deviation of which three hold less than eight ninths of the errors is too small, whatever the errors'
-    law, and however the cloud that it is of came about.
+    If three standard deviations hold less than eight ninths of the errors, the standard deviation is too small,
+    whatever the distribution of the errors and however the cloud came about.
     """
     if not sample_too_small(tally) or _too_few(tally, tally.runs):
         return []
@@ -210,9 +215,9 @@ def _inside(tally: Tally) -> list[_Asked]:
 
 
 def _any_off_zero(moments: SampleMoments) -> float:
-    """The p-value of all of several means being zero: the smallest of Student's t, times their number (Bonferroni).
+    """The p-value for all of several means being zero: the smallest of Student's t, times their number (Bonferroni).
 
-    It is below a level just where one of their intervals of that level over their number leaves out zero.
+    It is below a level exactly where one of their intervals, of that level over their number, excludes zero.
     """
     count = moments.mean.shape[0]
     each = np.array([t_test(moments.component(i), 0.0) for i in range(count)])
@@ -220,9 +225,10 @@ def _any_off_zero(moments: SampleMoments) -> float:
 
 
 def _furthest(moments: SampleMoments, names: Sequence[str], level: float) -> tuple[str, Estimate]:
-    """The name of the mean that is furthest from zero, and its interval for all of them to hold together.
+    """The name of the mean that is furthest from zero, and its interval, such that all intervals hold together.
 
-    Of those whose interval leaves out zero; where none does, the furthest in its own standard errors, if it has any.
+    Chosen among those whose interval excludes zero; if none does, the furthest in units of its own standard error, if
+    known.
     """
     each = intervals_of_all(moments, level)
     away = np.nan_to_num([2.0 * abs(found.value) / max(found.high - found.low, 1e-300) for found in each])
@@ -236,7 +242,7 @@ def _furthest(moments: SampleMoments, names: Sequence[str], level: float) -> tup
 
 
 def intervals_of_all(moments: SampleMoments, level: float) -> list[Estimate]:
-    """Each mean with an interval such that all hold together but for ``level`` (Bonferroni)."""
+    """Each mean with an interval; all hold together except with probability ``level`` (Bonferroni)."""
     count = moments.mean.shape[0]
     return [mean_interval(moments.component(i), level / count) for i in range(count)]
 
@@ -256,11 +262,11 @@ def _unscored(tally: Tally, moments: SampleMoments) -> str:
         return ""
     if tally.diverged["not_definite"]:
         return "no covariance is definite"
-    return "no estimate is finite" if tally.diverged["not_finite"] else "the truth is not known"
+    return "no estimate is finite" if tally.diverged["not_finite"] else "the truth is unknown"
 
 
 def sample_too_small(tally: Tally) -> str:
-    """What to say of a sampled covariance whose NEES has no law at too many steps; empty where it has."""
+    """The remark for a sampled covariance whose NEES has no known distribution at too many steps; otherwise empty."""
     lawful = tally.moments["lawful"]
     if not tally.sampled or not int(lawful.count) or lawful.mean[0] >= _LAWFUL:
         return ""
@@ -268,9 +274,9 @@ def sample_too_small(tally: Tally) -> str:
 
 
 def explained_by_bias(tally: Tally) -> float:
-    """By how much the mean error makes NEES over n too large: the square of the mean of L^-1 e over n, P = L L'.
+    """By how much the mean error increases NEES over n: the square of the mean of L^-1 e over n, P = L L'.
 
-    Less what chance adds to the square of a mean over runs.
+    Corrected for what chance adds to the square of a mean over runs.
     """
     moments = tally.moments["scaled"]
     square = moments.mean @ moments.mean - np.trace(moments.cov) / moments.count

@@ -1,4 +1,4 @@
-"""As many digits as an interval leaves sense in."""
+"""As many digits as an interval justifies."""
 
 import math
 
@@ -8,10 +8,12 @@ _MOST = 7  # digits of any figure
 
 
 def decimals(value: float, low: float, high: float, expected: float = math.nan) -> int:
-    """Decimals that show the interval's half width to two digits, the value to no more than seven; without one three.
+    """Decimals that show the interval's half width to two digits and the value to at most seven; three without an
+    interval.
 
-    What hardly varies over the runs, as a covariance that hangs on no reading, has an interval of rounding errors.
-    expected: what should be; there are as many more as it takes that no end is rounded onto it or past it.
+    A figure that hardly varies over the runs, such as a covariance that depends on no reading, has an interval of
+    rounding errors. expected: more decimals are shown if rounding would move an end onto the expected value or past
+    it.
     """
     places = _decimals(value, low, high)
     if not all(map(math.isfinite, (expected, low, high))):
@@ -23,7 +25,7 @@ def decimals(value: float, low: float, high: float, expected: float = math.nan) 
 
 
 def _side(end: float, expected: float) -> int:
-    """On which side of what should be an end is."""
+    """On which side of the expected value an end lies."""
     return int(end > expected) - int(end < expected)
 
 
@@ -39,7 +41,7 @@ def _decimals(value: float, low: float, high: float) -> int:
 
 
 def number(value: float, places: int) -> str:
-    """The value to so many decimals, which may be negative; in powers of ten where it would have many zeros."""
+    """The value to so many decimals, which may be negative; as a power of ten if it would have many zeros."""
     if not math.isfinite(value):
         return "" if math.isnan(value) else f"{value:g}"
     rounded = round(value, places)
@@ -49,12 +51,12 @@ def number(value: float, places: int) -> str:
 
 
 def figure(found: Estimate, expected: float = math.nan) -> str:
-    """The value with as many digits as its interval leaves sense in."""
+    """The value with as many digits as its interval justifies."""
     return _shown(found, found.value, decimals(found.value, found.low, found.high, expected))
 
 
 def interval(found: Estimate, expected: float = math.nan) -> str:
-    """Both ends with the same digits, on the sides of what should be where they are; empty without an interval."""
+    """Both ends with the same digits, on their unrounded side of the expected value; empty without an interval."""
     if math.isnan(found.low):
         return ""
     places = decimals(found.value, found.low, found.high, expected)
@@ -62,7 +64,7 @@ def interval(found: Estimate, expected: float = math.nan) -> str:
 
 
 def _shown(found: Estimate, value: float, places: int) -> str:
-    """A value or an end with one digit at least where the interval leaves out zero, however wide it is."""
+    """A value or an end with at least one digit if the interval excludes zero, however wide it is."""
     surely = found.low > 0.0 or found.high < 0.0
     if surely and value and math.isfinite(value) and not round(value, places):
         places = -math.floor(math.log10(abs(value)))
@@ -73,6 +75,12 @@ def bracketed(found: Estimate, expected: float = math.nan) -> str:
     """Value and interval: 0.997 [0.944, 1.052]."""
     both = interval(found, expected)
     return f"{figure(found, expected)} [{both.replace(' to ', ', ')}]" if both else figure(found)
+
+
+def bracket(low: float, high: float) -> str:
+    """An interval as it stands behind a value: ' [0.944, 1.052]'; nothing without one."""
+    both = interval(Estimate(0.5 * (low + high), low, high, 0))
+    return f" [{both.replace(' to ', ', ')}]" if both else ""
 
 
 def share(value: float) -> str:

@@ -1,4 +1,4 @@
-"""What each of the first runs answers, one by one: which was the worst, and how it did in another filter's hands."""
+"""The results of each of the first runs: to find the worst run, and to compare filters run by run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,15 +9,15 @@ from estlab.maths.space import Array, Space
 from estlab.metrics.scores import quietly
 from estlab.record import Record
 
-MOST = 5000  # runs, about 1 MB of text a filter
+MOST = 5000  # runs, about 1 MB of text for each filter
 
 
 @dataclass
 class EachRun:
-    """RMSE of each component and the position, and NEES / n, of each of the first runs and for each filter.
+    """RMSE of each component and the position, and NEES / n, for each of the first runs and each filter.
 
-    truth_mark and readings_mark are the root mean squares of all that a run's truth and readings hold. They mean
-    nothing, but two runs made apart that have the same marks met the same truth and readings.
+    truth_mark and readings_mark are the root mean squares of all truth and readings of a run. Two runs made
+    separately with the same marks had the same truth and readings.
     """
 
     space: Space
@@ -28,7 +28,7 @@ class EachRun:
     def add(
         self, record: Record, squares: Mapping[str, Mapping[str, Array]], numbers: Sequence[int], begin: int
     ) -> None:
-        """Take in a block of runs with these numbers, once: each filter's mean squares, as Tally.add returns them.
+        """Add a block of runs with these numbers, once: each filter's mean squares, as Tally.add returns them.
 
         begin: the number of the ensemble's first run.
         """
@@ -47,12 +47,12 @@ class EachRun:
             self.answers[filter] = {name: array[:room] for name, array in answers.items()}
 
     def plus(self, other: "EachRun") -> "EachRun":
-        """Of the runs of both, those of the other coming after."""
+        """The runs of both; those of the other come after."""
         answers = {filter: _joined(mine, other.answers[filter]) for filter, mine in self.answers.items()}
         return replace(self, runs=_joined(self.runs, other.runs), answers=answers)
 
     def columns(self, filter: str) -> dict[str, Array]:
-        """The columns of a filter's table, a line a run."""
+        """The columns of a filter's table, one line per run."""
         return self.runs | self.answers[filter]
 
 
@@ -61,7 +61,7 @@ def _joined(first: Mapping[str, Array], second: Mapping[str, Array]) -> dict[str
 
 
 def _mark(values: Array) -> Array:
-    """(runs,) the root mean square of what is finite in (m, N, runs); 0 where nothing is."""
+    """(runs,) the root mean square of the finite numbers in (m, N, runs); 0 if there are none."""
     known = np.isfinite(values)
     total = np.where(known, values, 0.0) ** 2
     return np.sqrt(total.sum(axis=(0, 1)) / np.maximum(known.sum(axis=(0, 1)), 1))

@@ -1,4 +1,4 @@
-"""Intervals, bands and tests over independent runs, at 95 % where nothing else is said."""
+"""Intervals, bands and tests over independent runs, at 95 % unless stated otherwise."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import numpy as np
 from estlab.maths.space import Array
 from estlab.metrics.moments import SampleMoments
 
-LEVEL = 0.05  # of a test: its share of false alarms
+LEVEL = 0.05  # of a test: its rate of false alarms
 CONFIDENCE = 1.0 - LEVEL  # of an interval or a band
 
 
@@ -21,23 +21,23 @@ class Estimate(NamedTuple):
 
 
 def mean_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
-    """Student's t interval for a mean over runs, which misses with the probability ``level``."""
+    """Student's t interval for a mean over runs, with miss probability ``level``."""
     mean, error, n = _parts(moments)
     half = _t_quantile(n, level) * error
     return Estimate(mean, mean - half, mean + half, n)
 
 
 def widened(found: Estimate, level: float) -> Estimate:
-    """A 95 % interval of :func:`mean_interval` as one of another level."""
+    """A 95 % interval of :func:`mean_interval` converted to another level."""
     factor = _t_quantile(found.n, level) / _t_quantile(found.n, LEVEL)
     value, low, high, n = found
     return Estimate(value, value - (value - low) * factor, value + (high - value) * factor, n)
 
 
 def positive_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
-    """The same on the scale of logarithms, by the delta method: a mean of positive values cannot reach zero.
+    """The same on a logarithmic scale, by the delta method: a mean of positive values cannot reach zero.
 
-    For values as skewed as chi-squares it covers as it says from five runs on, where Student's does not
+    For values as skewed as chi-squares it has its nominal coverage from five runs on, where Student's does not
     (docs/statistics.md).
     """
     mean, error, n = _parts(moments)
@@ -48,26 +48,26 @@ def positive_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
 
 
 def stretched(relative_error: float, n: int, level: float) -> float:
-    """By what factor the interval of a mean of positive values reaches up and down, n runs having this much error."""
+    """The factor by which the interval of a mean of positive values reaches up and down, for n runs with this error."""
     return float(np.exp(min(_t_quantile(n, level) * relative_error, 50.0)))
 
 
 def t_test(moments: SampleMoments, expected: float) -> float:
-    """The two-sided p-value of a mean: below a level where :func:`mean_interval` leaves the expected value out."""
+    """The two-sided p-value of a mean: below a level exactly where :func:`mean_interval` excludes ``expected``."""
     mean, error, n = _parts(moments)
     return _t_tail((mean - expected) / error, n) if error > 0.0 else np.nan
 
 
 def positive_test(moments: SampleMoments, expected: float) -> float:
-    """The two-sided p-value of a mean of positive values, in agreement with :func:`positive_interval`."""
+    """The two-sided p-value of a mean of positive values, consistent with :func:`positive_interval`."""
     mean, error, n = _parts(moments)
     return _t_tail(np.log(mean / expected) * mean / error, n) if error > 0.0 and mean > 0.0 else np.nan
 
 
 def share_interval(share: float, n: float, level: float = LEVEL) -> Estimate:
-    """Wilson's interval for the share of n independent runs in which something holds. Brown, Cai and DasGupta 2001.
+    """Wilson's interval for the share of n independent runs with some property. Brown, Cai and DasGupta 2001.
 
-    n may be an effective number, not whole.
+    n may be an effective number, not an integer.
     """
     from scipy.special import ndtri
 
@@ -80,11 +80,11 @@ def share_interval(share: float, n: float, level: float = LEVEL) -> Estimate:
 
 
 def time_share_interval(moments: SampleMoments, level: float = LEVEL) -> Estimate:
-    """Wilson's interval for a share of time, as a mean over runs whose own shares are of many steps.
+    """Wilson's interval for a share of time, as a mean over runs with many steps each.
 
-    The steps of a run are not independent, so it is taken as the share of as many independent trials as have the
-    variance that the runs show, fewer by (normal / Student's quantile)^2 since that variance is itself an estimate.
-    Korn and Graubard 1998, section 2. Where all runs agree there is one trial a run.
+    The steps of a run are not independent, so the share counts as that of as many independent trials as would have
+    the variance that the runs show, reduced by (normal / Student's quantile)^2 because that variance is itself an
+    estimate. Korn and Graubard 1998, section 2. If all runs agree there is one trial per run.
     """
     from scipy.special import ndtri
 
@@ -96,7 +96,7 @@ def time_share_interval(moments: SampleMoments, level: float = LEVEL) -> Estimat
 
 
 def time_share_test(moments: SampleMoments, expected: float) -> float:
-    """The two-sided p-value of a share of time, in agreement with :func:`time_share_interval`."""
+    """The two-sided p-value of a share of time, consistent with :func:`time_share_interval`."""
     from scipy.special import ndtr
 
     share, trials, n = _trials(moments)
@@ -107,14 +107,15 @@ def time_share_test(moments: SampleMoments, expected: float) -> float:
 
 
 def chi_square_band(freedom: Array, level: float = LEVEL) -> tuple[Array, Array]:
-    """Where a chi-square over its degrees of freedom lies but for ``level``: lower and upper, NaN for no freedom.
+    """The band of a chi-square over its degrees of freedom, with miss probability ``level``: lower and upper, NaN for
+    no freedom.
 
     Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2.
     """
     from scipy.special import gammaincinv
 
     freedom = np.where(np.asarray(freedom) > 0, freedom, np.nan)
-    distinct, place = np.unique(freedom, return_inverse=True)  # few, along a recording of many steps
+    distinct, place = np.unique(freedom, return_inverse=True)  # few distinct values along a recording of many steps
     lower, upper = (
         (2.0 * gammaincinv(0.5 * distinct, p) / distinct)[place.reshape(freedom.shape)]
         for p in (0.5 * level, 1.0 - 0.5 * level)
@@ -130,9 +131,10 @@ def chi_square_test(total: float, freedom: float) -> float:
 
 
 def holm(p_values: Array) -> Array:
-    """p-values adjusted so that any of them is below 5 % with no more than 5 % where nothing is wrong. Holm 1979.
+    """p-values adjusted so that, if nothing is wrong, any of them is below 5 % in at most 5 % of the cases. Holm
+    1979.
 
-    NaN stays NaN and counts for nothing.
+    NaN stays NaN and is not counted.
     """
     p_values = np.asarray(p_values, dtype=float)
     adjusted = np.full(p_values.shape, np.nan)
@@ -146,8 +148,8 @@ def holm(p_values: Array) -> Array:
 def judged_at(p_values: Array) -> Array:
     """The level at which Holm's method judges each p-value, as :func:`holm` adjusts them; NaN for NaN.
 
-    An interval of that level leaves out what should be just where its test rejects: one error rate decides both.
-    Those rejected are judged at 5 % over m, m - 1, ...; all others at the level at which the method stopped.
+    An interval of that level excludes the expected value exactly where its test rejects: one error rate decides both.
+    Rejected values are judged at 5 % over m, m - 1, ...; all others at the level at which the method stopped.
     """
     adjusted, levels = holm(p_values), np.full(np.shape(p_values), np.nan)
     known = np.flatnonzero(np.isfinite(adjusted))
@@ -158,14 +160,14 @@ def judged_at(p_values: Array) -> Array:
 
 
 def _trials(moments: SampleMoments) -> tuple[float, float, int]:
-    """A share of time, how many independent trials have the variance that the runs show, and the number of runs."""
+    """A share of time, the number of independent trials with the runs' variance, and the number of runs."""
     mean, error, n = _parts(moments)
-    share = min(max(mean, 0.0), 1.0)  # a sum of shares of time may be one and a last bit
+    share = min(max(mean, 0.0), 1.0)  # rounding may push a sum of shares of time just past one
     return share, share * (1.0 - share) / error**2 if n > 1 and error > 1e-12 else float(n), n
 
 
 def _parts(moments: SampleMoments) -> tuple[float, float, int]:
-    """Mean, its standard error and the number of runs, of moments of single numbers."""
+    """Mean, standard error and number of runs, from the moments of single numbers."""
     n = int(moments.count)
     mean = float(moments.mean[0]) if n else np.nan
     return mean, float(np.sqrt(moments.cov[0, 0] / max(n, 1))), n

@@ -1,4 +1,4 @@
-"""Means and scatters of what runs answer, added up block by block, so that what is kept does not grow with the runs."""
+"""Means and scatters over runs, added block by block, in memory that does not grow with the runs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +10,9 @@ from estlab.maths.space import Array
 
 @dataclass(frozen=True)
 class SampleMoments:
-    """Number (*shape), mean (p, *shape) and scatter (p, p, *shape) of vectors of p numbers, one vector a run.
+    """Number (*shape), mean (p, *shape) and scatter (p, p, *shape) of vectors of p numbers, one vector per run.
 
-    A run with a NaN in a vector takes no part in that vector's moments.
+    A run with a NaN in a vector does not count in that vector's moments.
     """
 
     count: Array
@@ -21,7 +21,7 @@ class SampleMoments:
 
     @classmethod
     def of(cls, values: Array) -> "SampleMoments":
-        """Of a block's values (p, *shape, runs)."""
+        """The moments of a block's values (p, *shape, runs)."""
         known = np.isfinite(values).all(axis=0)
         count = known.sum(axis=-1)
         mean = np.where(known, values, 0.0).sum(axis=-1) / np.maximum(count, 1)
@@ -29,7 +29,7 @@ class SampleMoments:
         return cls(count, mean, np.einsum("i...r,j...r->ij...", off, off))
 
     def plus(self, other: "SampleMoments") -> "SampleMoments":
-        """Of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1: no cancellation, however many are added."""
+        """The moments of the runs of both. Chan, Golub and LeVeque 1983, equation 2.1, which avoids cancellation."""
         count = self.count + other.count
         share = other.count / np.maximum(count, 1)
         shift = other.mean - self.mean
@@ -56,18 +56,18 @@ class SampleMoments:
 
 
 class Histogram:
-    """How many runs lie in each of the bins whose edges are spaced evenly in the logarithm, for (*shape, runs) values.
+    """How many runs lie in each bin, with edges evenly spaced in the logarithm, for (*shape, runs) values.
 
-    The first bin is of what lies below all of these, zero too, the last of what lies above. NaN is not counted.
+    The first bin counts values below all of these, zero included, the last those above. NaN is not counted.
     """
 
-    PER_DECADE, DECADES = 20, 12  # so many bins a decade, so many decades on each side of one
+    PER_DECADE, DECADES = 20, 12  # bins per decade, decades on each side of one
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.counts = np.zeros((*shape, 2 * self.DECADES * self.PER_DECADE + 2), dtype=np.int64)
 
     def plus(self, other: "Histogram") -> "Histogram":
-        """Of the runs of both."""
+        """The counts of the runs of both."""
         both = Histogram(self.counts.shape[:-1])
         both.counts = self.counts + other.counts
         return both
@@ -83,6 +83,6 @@ class Histogram:
             self.counts[index] += np.bincount(place[index][known[index]], minlength=bins)
 
     def edges(self) -> Array:
-        """The edges of the bins, one more than there are bins: from zero to infinity."""
+        """The edges of the bins, one more than the number of bins: from zero to infinity."""
         inner = 10.0 ** (np.arange(self.counts.shape[-1] - 1) / self.PER_DECADE - self.DECADES)
         return np.concatenate([[0.0], inner, [np.inf]])

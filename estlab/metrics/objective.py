@@ -1,4 +1,4 @@
-"""What a tuning makes small, found in the rows of metrics.csv."""
+"""What a tuning minimises, read from the rows of metrics.csv."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,10 +12,10 @@ _BROKEN = ("not_finite", "not_definite")
 
 @dataclass(frozen=True)
 class Objective:
-    """A metric of a component, of one filter; of the first where none is named.
+    """A metric of a component, of one filter; of the first filter if none is named.
 
-    nis and nees: |log| of the mean over its expectation, so that half and twice are equally bad and 0 is best.
-    rmse: itself. loglik: its negative.
+    nis and nees: |log| of the mean over its expectation, so that half and twice are equally bad and 0 is best. rmse:
+    the value itself. loglik: its negative.
     """
 
     name: str
@@ -24,7 +24,7 @@ class Objective:
 
     @classmethod
     def parse(cls, text: str) -> "Objective":
-        """Read nis, nees, loglik or rmse:<component>, each with :<filter> after it if wanted.
+        """Read nis, nees, loglik or rmse:<component>, each optionally followed by :<filter>.
 
         Raises ValueError for anything else.
         """
@@ -34,13 +34,13 @@ class Objective:
         if name in _OF_ALL and len(rest) <= 1 and all(rest):
             return cls(name, "all", "".join(rest))
         raise ValueError(
-            f"objective must be {', '.join(_OF_ALL)} or rmse:<component>, with :<filter> after it if it is of one of "
-            f"several, got {text}"
+            f"objective must be {', '.join(_OF_ALL)} or rmse:<component>, followed by :<filter> to choose "
+            f"one of several, got {text}"
         )
 
     @property
     def words(self) -> str:
-        """What is made small, as an axis says it."""
+        """The objective, as an axis names it."""
         metric = _OF_ALL.get(self.name, self.name)
         named = heading(metric, self.component, unit_of(metric))
         words = {"rmse": named, "loglik": f"minus {named}"}.get(self.name, f"|log({named})|")
@@ -49,8 +49,8 @@ class Objective:
     def of(self, rows: Sequence[Mapping[str, str]], lost: float) -> float:
         """The number, from rows of text. Infinite if more than a share ``lost`` of the runs broke.
 
-        Such runs are left out of the means, which would make a filter look the better the sooner it breaks.
-        Raises ValueError, saying what is missing, if there is no such number.
+        The means leave such runs out, which would make a filter look better the sooner it breaks. Raises ValueError
+        that says what is missing if there is no such number.
         """
         filter = self.filter or (rows[0]["filter"] if rows else "")
         mine = {(row["metric"], row["component"]): row for row in rows if row["filter"] == filter}

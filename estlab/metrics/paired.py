@@ -1,4 +1,4 @@
-"""Filters against each other on the same truth and readings: the difference of their errors, run by run."""
+"""Compares filters on the same truth and readings: the difference of their errors, run by run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,10 +17,11 @@ _TOGETHER = ("position_square", "state_square")
 
 @dataclass
 class Comparison:
-    """Moments over runs of the mean square errors of two filters together, for every pair and component.
+    """Moments over runs of the mean square errors of two filters jointly, for every pair and component.
 
-    Paired, since all filters meet the same truth and readings: what makes a run hard for both cancels. A run in which
-    one broke (infinite) is in no mean and lost by that one. wins, met: of the first, out of so many runs.
+    The comparison is paired, because all filters meet the same truth and readings: difficulties common to both
+    cancel. A run in which one filter broke (infinite) enters no mean and counts as lost by that filter. wins, met:
+    runs won by the first, and their total.
     """
 
     space: Space
@@ -31,12 +32,12 @@ class Comparison:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What is compared: each component, and the position and all together where there are such."""
+        """What is compared: each component, the position and all jointly, where these exist."""
         position, whole = ("position",) * bool(self.space.position), ("all",) * has_whole(self.space)
         return (*self.space.names, *position, *whole)
 
     def add(self, squares: Mapping[str, Mapping[str, Array]]) -> None:
-        """Take in a block, once: each filter's mean square errors, as Tally.add returns them."""
+        """Add a block, once: each filter's mean square errors, as Tally.add returns them."""
         stacked = {
             name: np.concatenate([one["mean_square"], *(one[key][None] for key in _TOGETHER if key in one)])
             for name, one in squares.items()
@@ -44,14 +45,14 @@ class Comparison:
         for a, b in combinations(sorted(stacked), 2):
             both = np.stack([stacked[a], stacked[b]])
             known = ~np.isnan(both).any(axis=0)
-            # Half a win each where there is nothing between them.
+            # Half a win each for a tie.
             better, equal = known & (both[0] < both[1]), known & (both[0] == both[1])
             self.wins[a, b] = better.sum(axis=-1) + 0.5 * equal.sum(axis=-1)
             self.met[a, b] = known.sum(axis=-1)
             self.moments[a, b] = SampleMoments.of(both)
 
     def plus(self, other: "Comparison") -> "Comparison":
-        """Of the runs of both."""
+        """The runs of both."""
         return replace(
             self,
             moments={pair: moments.plus(other.moments[pair]) for pair, moments in self.moments.items()},
@@ -61,10 +62,12 @@ class Comparison:
 
     @quietly
     def rows(self, cost: Mapping[str, float]) -> list[dict[str, Any]]:
-        """A line for each pair and component: the RMSE of both, their difference, who wins how often, and the cost.
+        """A line for each pair and component: the RMSE of both, their difference, the share of runs that each wins,
+        and the cost.
 
-        cost: seconds a run and step of each filter. p-values are adjusted for the number of pairs (Holm), and each
-        interval is of the level at which that method judges it: it leaves out zero just where a difference is real.
+        cost: seconds per run and step of each filter. p-values are adjusted for the number of pairs (Holm), and each
+        interval has the level at which that method judges it: it excludes zero exactly where a difference is
+        significant.
         """
         rows: list[dict[str, Any]] = []
         for i, component in enumerate(self.components):
@@ -104,13 +107,13 @@ class Comparison:
         return rows
 
     def _difference(self, pair: tuple[str, str], component: int) -> tuple[Estimate, float]:
-        """RMSE of the first less that of the second, by the delta method, and the p-value of there being none."""
+        """RMSE of the first minus that of the second, by the delta method, and the p-value of no difference."""
         moments = self.moments[pair].at(component)
         roots = np.sqrt(moments.mean)
         value, n = float(roots[0] - roots[1]), int(moments.count)
         if self.repeated or n < 2:
             return Estimate(value if n else np.nan, np.nan, np.nan, n), np.nan
-        # Sums in one order: equal filters differ by exactly nothing, whichever linear algebra is installed.
+        # Sums in a fixed order: equal filters differ by exactly nothing, whichever linear algebra is installed.
         first, second = 0.5 / roots
         scatter = moments.scatter
         spread = first * first * scatter[0, 0] - 2.0 * first * second * scatter[0, 1] + second * second * scatter[1, 1]
@@ -126,12 +129,12 @@ class Comparison:
 def against_best(rows: Sequence[Mapping[str, Any]], component: str) -> list[dict[str, Any]]:
     """Each filter against the one with the smallest RMSE in a component, best first; the best has no difference.
 
-    One that broke in some runs is behind those that went on: what is left to it may be the easy ones.
+    A filter that broke in some runs ranks behind those that did not: its remaining runs may be the easy ones.
     """
     chosen = [dict(row) for row in rows if row["component"] == component]
     rmse: dict[str, float] = {}
     runs: dict[str, int] = {}
-    for row in sorted(chosen, key=lambda row: int(row["n"])):  # what is kept is of the most runs
+    for row in sorted(chosen, key=lambda row: int(row["n"])):  # the sums kept cover the most runs
         rmse |= {row["filter"]: row["rmse"], row["against"]: row["rmse_against"]}
         runs |= {row["filter"]: row["n"], row["against"]: row["n"]}
     order = sorted(rmse, key=lambda name: (np.isnan(rmse[name]), -runs[name], rmse[name]))
@@ -143,7 +146,7 @@ def against_best(rows: Sequence[Mapping[str, Any]], component: str) -> list[dict
 
 
 def _turned(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The same line told of the other filter."""
+    """The same line with the filters exchanged."""
     return dict(row) | {
         "filter": row["against"],
         "against": row["filter"],

@@ -1,31 +1,32 @@
-"""Blocks added up two by two, in an order that depends on their numbers alone."""
+"""Blocks added two by two, in an order that depends only on their numbers."""
 
 from typing import Generic, Protocol, Self, TypeVar
 
 
 class Addable(Protocol):
-    """What can be added to what comes after it."""
+    """A sum that can be extended by what comes after it."""
 
     def plus(self, other: Self) -> Self:
-        """The sum of both, this one's runs being the earlier."""
+        """The sum of both; this one's runs come first."""
 
 
 T = TypeVar("T", bound=Addable)
 
 
 class Pairwise(Generic[T]):
-    """Sums over blocks 0, 1, 2, ... as a binary tree: so few are kept as the number of blocks has binary digits.
+    """Sums over blocks 0, 1, 2, ... as a binary tree; it keeps as many sums as the number of blocks has binary
+    digits.
 
     nodes: by (level, number), a sum of blocks number * 2^level up to the next. Floating-point sums depend on their
-    order, so that parts of an ensemble, each summed elsewhere, give the same to the last bit only if the order is the
-    same: here it is, whoever adds which blocks, and when.
+    order. Parts of an ensemble, each summed elsewhere, give the same to the last bit only if the order is the same.
+    Here it is the same, whoever adds which blocks, and when.
     """
 
     def __init__(self) -> None:
         self.nodes: dict[tuple[int, int], T] = {}
 
     def add(self, level: int, number: int, value: T) -> None:
-        """Take in a node, a single block being of level 0."""
+        """Add a node; a single block has level 0."""
         beside = self.nodes.pop((level, number ^ 1), None)
         if beside is None:
             self.nodes[level, number] = value
@@ -34,7 +35,7 @@ class Pairwise(Generic[T]):
             self.add(level + 1, number // 2, first.plus(second))
 
     def total(self) -> T:
-        """The sum of all blocks, in their order. Raises ValueError if one is missing or there is none."""
+        """The sum of all blocks, in their order. Raises ValueError if a block is missing or there is none."""
         ordered = sorted(self.nodes, key=lambda node: node[1] << node[0])
         begin = 0
         for level, number in ordered:

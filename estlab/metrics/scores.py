@@ -1,4 +1,4 @@
-"""One block of runs scored: errors, normalised errors and innovations, and which runs were lost."""
+"""Scores one block of runs: errors, normalised errors and innovations, and which runs were lost."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,19 +8,20 @@ import numpy as np
 from estlab.maths.linalg import ROUNDING, cholesky, solve_lower
 from estlab.maths.space import Array, Space
 from estlab.metrics.laws import SIGMAS, nees_law, nis_mean
+from estlab.metrics.masked import count
 from estlab.record import Estimates, Record
 
-LAGS = 5  # of the innovations' correlation
+LAGS = 5  # for the innovations' correlation
 _MANY = 9
 _END = 0.1  # a run is lost if its error is beyond the limit over this last part of its steps
 
-# On its way to NaN a run that diverges has errors too large to square and variances below zero: no warning's worth.
+# A diverging run has errors too large to square and negative variances before it becomes NaN: not worth a warning.
 quietly = np.errstate(invalid="ignore", over="ignore", divide="ignore")
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a problem calls found and lost: position errors, None where it calls nothing so."""
+    """A problem's limits on the position error for found and lost runs; None if it has no such notion."""
 
     found_within: float | None = None
     lost_beyond: float | None = None
@@ -28,14 +29,14 @@ class Limits:
 
 @dataclass(frozen=True)
 class Scores:
-    """Of a filter over a block; only what is finite is scored.
+    """The scores of a filter over a block; only finite values are scored.
 
-    error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance, NaN where that has
-    no inverse. nees, with its law's mean and variance: (T, runs), and inside: (3, T, runs). nis, nis_mean, measured:
-    (T, runs), summed over the step's readings, its law's mean, and how many numbers those were. distance: (T, runs) of
-    the position, None where there is none.
-    whitened: (m, N, runs). log_likelihood: (runs,) of all innovations used. not_finite, not_definite, lost: (runs,), no
-    run in more than one.
+    error, sigma: (n, T, runs). scaled: (n, T, runs), L^-1 error with L the factor of the covariance, NaN where that
+    is singular. nees, with the mean and variance of its law: (T, runs), and inside: (3, T, runs). nis, nis_mean,
+    measured: (T, runs), summed over the step's readings, the mean of its law, and the number of values measured.
+    distance: (T, runs) of the position, None if there is none.
+    whitened: (m, N, runs). log_likelihood: (runs,) of all innovations used. not_finite, not_definite, lost: (runs,),
+    no run in more than one.
     """
 
     error: Array
@@ -57,12 +58,12 @@ class Scores:
 
     @cached_property
     def scored(self) -> Array:
-        """(n, T, runs) which errors count."""
+        """(n, T, runs) which errors are scored."""
         return np.isfinite(self.error) & np.isfinite(self.sigma)
 
     @property
     def diverged(self) -> Array:
-        """(runs,) for whatever reason."""
+        """(runs,) for any reason."""
         return self.not_finite | self.not_definite | self.lost
 
     def inside(self, sigmas: int) -> Array:
@@ -71,7 +72,7 @@ class Scores:
 
 
 def has_whole(space: Space) -> bool:
-    """Whether a state has so many components, and all of one unit, that it has an error over all of them."""
+    """Whether a state has several components, all in the same unit, so that an error over all of them makes sense."""
     return space.size >= _MANY and len(set(space.units)) == 1
 
 
@@ -123,36 +124,36 @@ def found_time(time: Array, distance: Array, within: float) -> Array:
 
 
 def log_likelihood(whitened: Array, log_scale: Array) -> Array:
-    """(runs,) the sum of log N(nu; 0, S) over innovations, of which L^-1 nu and the log of L's diagonal are given.
+    """(runs,) the sum of log N(nu; 0, S) over innovations, from L^-1 nu and the log of L's diagonal.
 
     With S = L L', log N(nu; 0, S) = -sum((L^-1 nu)^2 / 2 + log L_ii + log(2 pi) / 2). The innovations' densities are
-    those of each reading given those before, so that the sum is the log-likelihood of all. Schweppe 1965.
+    those of each reading given the earlier ones, so the sum is the log-likelihood of all. Schweppe 1965.
     """
     each = -0.5 * whitened**2 - log_scale - 0.5 * np.log(2.0 * np.pi)
     return np.asarray(np.where(np.isfinite(whitened), each, 0.0).sum(axis=(0, 1)))
 
 
 def correlations(whitened: Array, lags: int) -> Array:
-    """Each run's whitened innovations (m, N, runs) correlated with those 1, 2, ... readings before; (lags, runs).
+    """Each run's whitened innovations (m, N, runs) correlated with those 1, 2, ... readings earlier; (lags, runs).
 
-    Sums of products of the same component over the sum of squares. Each has mean zero where innovations are white,
-    whatever their scale. Readings that a run has not are passed over. NaN for a run with fewer readings than four
-    times the lags. Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2.
+    Sums of products of the same component over the sum of squares. Each has mean zero if innovations are white,
+    whatever their scale. Readings that a run lacks are skipped. NaN for a run with fewer readings than four times the
+    lags. Mehra 1970; Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2.
     """
     has = np.isfinite(whitened).any(axis=0)
     if not has.all():
         order = np.argsort(~has, axis=0, kind="stable")
         whitened = np.take_along_axis(whitened, order[None], axis=1)
     known = np.nan_to_num(whitened)
-    count, total = has.sum(axis=0), (known**2).sum(axis=(0, 1))
+    readings, total = count(np.asarray(has), 0), (known**2).sum(axis=(0, 1))
     found = np.full((lags, known.shape[2]), np.nan)
     for i in range(min(lags, known.shape[1] - 1)):
         found[i] = (known[:, i + 1 :] * known[:, : -i - 1]).sum(axis=(0, 1)) / np.where(total > 0.0, total, np.nan)
-    return np.where(count >= 4 * lags, found, np.nan)
+    return np.where(readings >= 4 * lags, found, np.nan)
 
 
 def shares_inside(scores: Scores) -> tuple[Array, Array]:
-    """Which errors are within 1, 2, 3 sigma, and which count at all; (3, n + 1, T, runs), the last all jointly."""
+    """Which errors are within 1, 2, 3 sigma, and which count at all; (3, n + 1, T, runs), the last for all jointly."""
     inside = np.stack([np.concatenate([scores.inside(k), scores.nees_inside[i][None]]) for i, k in enumerate(SIGMAS)])
     lawful = ~np.isnan(scores.nees) & np.isfinite(scores.nees_mean)
     counted = np.concatenate([scores.scored, lawful[None]])
@@ -160,7 +161,7 @@ def shares_inside(scores: Scores) -> tuple[Array, Array]:
 
 
 def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array]:
-    """NIS, its law's mean and numbers measured, (T, runs), from whitened innovations in the order of their steps."""
+    """NIS, the mean of its law and the number of values measured, (T, runs), from innovations in order of steps."""
     whitened = estimates.whitened
     steps, runs = record.time.size, whitened.shape[2]
     nis, expected, measured = np.zeros((steps, runs)), np.zeros((steps, runs)), np.zeros((steps, runs), dtype=int)
@@ -168,17 +169,18 @@ def _per_step(record: Record, estimates: Estimates) -> tuple[Array, Array, Array
         taken, first = np.unique(record.readings.step, return_index=True)
         known = np.isfinite(whitened)
         nis[taken] = np.add.reduceat((np.where(known, whitened, 0.0) ** 2).sum(axis=0), first, axis=0)
-        count = known.sum(axis=0)
-        expected[taken] = np.add.reduceat(nis_mean(count, estimates.gate), first, axis=0)
-        measured[taken] = np.add.reduceat(count, first, axis=0)
+        numbers = count(known, 0)
+        expected[taken] = np.add.reduceat(nis_mean(numbers, estimates.gate), first, axis=0)
+        measured[taken] = np.add.reduceat(numbers, first, axis=0)
     return nis, expected, measured
 
 
 def _rank(factor: Array, estimates: Estimates) -> tuple[Array, Array]:
-    """(T, runs) whether a covariance is one, given its factor, and whether it has an inverse, which NEES takes.
+    """(T, runs) whether a covariance is valid, given its factor, and whether it has an inverse, which NEES needs.
 
-    Without an inverse it is sound where part of the state is known exactly, such as a start, and no noise has reached
-    it. That of a sample of no more states than components says that the cloud has collapsed.
+    A covariance without an inverse is valid where part of the state is known exactly, such as a start, and no noise
+    has reached it. A singular sample covariance, of no more states than components, shows that the cloud has
+    collapsed.
     """
     n = factor.shape[0]
     pivots = np.einsum("ii...->i...", factor)
@@ -191,7 +193,7 @@ def _rank(factor: Array, estimates: Estimates) -> tuple[Array, Array]:
 
 
 def _broken(finite: Array, definite: Array) -> tuple[Array, Array]:
-    """(runs,) which beliefs (T, runs) first were not finite, and which first were finite but no covariance."""
+    """(runs,) whose beliefs (T, runs) first stopped being finite, and whose covariances first stopped being valid."""
     sound = finite & definite
     first = (~sound).argmax(axis=0)
     broken = ~sound.all(axis=0)

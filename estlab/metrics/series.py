@@ -11,7 +11,7 @@ from estlab.metrics.tally import Tally
 
 @quietly
 def errors(tally: Tally, first: tuple[Array, Array, Array], bound: Array | None = None) -> Columns:
-    """A row per time and component: a run's truth (n, T), mean (n, T), cov (n, n, T); the ensemble; the bound."""
+    """A row for each time and component: a run's truth (n, T), mean (n, T), cov (n, n, T); the ensemble; the bound."""
     truth, mean, cov = first
     space, sums = tally.space, tally.sums
     n, steps = space.size, tally.time.size
@@ -47,10 +47,10 @@ def errors(tally: Tally, first: tuple[Array, Array, Array], bound: Array | None 
 
 @quietly
 def nees(tally: Tally) -> Columns:
-    """NEES over n and over the runs at each time, with the band of a consistent filter.
+    """NEES over n, averaged over the runs at each time, with the band of a consistent filter.
 
-    The band is that of a chi-square with the mean and the variance of the law's mean over runs: exact where the law is
-    chi-square itself.
+    The band is that of a chi-square with the mean and variance of the law's mean over runs: exact if the law itself
+    is a chi-square.
     """
     runs, lawful, n = tally.sums["nees_runs"], tally.sums["law_runs"], tally.space.size
     expected = _ratio(tally.sums["law_mean"], lawful * n)
@@ -68,9 +68,10 @@ def nees(tally: Tally) -> Columns:
 
 @quietly
 def nis(tally: Tally) -> Columns:
-    """NIS over the numbers measured, at each time with a reading; 1 for a consistent filter; with its 95 % band.
+    """NIS over the number of values measured, at each time with a reading, with its 95 % band; 1 for a consistent
+    filter.
 
-    With a gate it is less than 1, and the band lies about that.
+    With a gate the expectation is less than 1, and the band lies about it.
     """
     measured = tally.sums["measured"] > 0
     size, runs = tally.sums["measured"][measured], tally.sums["nis_runs"][measured]
@@ -87,7 +88,7 @@ def nis(tally: Tally) -> Columns:
 
 
 def notes(tally: Tally) -> Columns:
-    """What a filter noted of each step, averaged over runs; only what it noted at least once."""
+    """What a filter noted at each step, averaged over runs; only notes that occurred at least once."""
     prefix = "note_"
     found = {
         name.removeprefix(prefix): values / tally.runs
@@ -103,12 +104,12 @@ def notes(tally: Tally) -> Columns:
 
 
 def _independent(tally: Tally, runs: Array) -> Array:
-    """How many of the runs count for a band: repeats of one recording are worth one."""
+    """How many of the runs count for a band: repeats of one recording count as one."""
     return np.minimum(runs, 1) if tally.repeated else runs
 
 
 def _stretch(tally: Tally) -> Array:
-    """By what factor the interval of each RMSE over runs reaches up and down, as in intervals.positive_interval."""
+    """The factor by which each RMSE's interval reaches up and down, as in intervals.positive_interval."""
     from scipy.special import stdtrit
 
     count = np.where(tally.sums["scored"] > 1, tally.sums["scored"], np.nan)

@@ -1,4 +1,4 @@
-"""Totals of runs as plain arrays, to be kept in a file and added up elsewhere: data alone, nothing is executed."""
+"""Totals of runs as plain arrays, to store in a file and add elsewhere. They are only data: nothing is executed."""
 
 from collections.abc import Iterator, Mapping
 
@@ -9,11 +9,11 @@ from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.paired import Comparison
 from estlab.metrics.tally import CAUSES, Tally
 
-_PAIR = "|"  # between the names of two filters; no name has one
+_PAIR = "|"  # between the names of two filters; no name contains it
 
 
 def tally_arrays(tally: Tally) -> Iterator[tuple[str, Array]]:
-    """What was added up, by name."""
+    """The sums, by name."""
     yield "runs", np.array([tally.runs, tally.sampled, tally.gated])
     yield "first_whitened", tally.first_whitened
     yield "first_error", tally.first[0]
@@ -46,7 +46,7 @@ def tally_of(empty: Tally, arrays: Mapping[str, Array]) -> Tally:
 
 
 def comparison_arrays(comparison: Comparison) -> Iterator[tuple[str, Array]]:
-    """What was added up, by name."""
+    """The sums, by name."""
     for (a, b), moments in comparison.moments.items():
         yield from _moments_arrays(f"moments/{a}{_PAIR}{b}", moments)
         yield f"wins/{a}{_PAIR}{b}", comparison.wins[a, b]

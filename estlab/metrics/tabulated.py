@@ -1,4 +1,4 @@
-"""The tables of an ensemble, by column or by row, from what was tallied."""
+"""The tables of an ensemble, by column or by row, from its sums."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -25,13 +25,13 @@ from estlab.metrics.vocabulary import unit_of
 
 Columns = dict[str, Array]
 
-ERRORS = "errors"  # the group of metrics that no run does without
+ERRORS = "errors"  # the group of metrics that every run needs
 
 
 class MetricRow(NamedTuple):
     """A tidy row: a metric of a component, a mean over n independent runs with its 95 % interval.
 
-    Of what a test judges (anees, anis, normalised_bias, innovation_correlation) the interval is the test's.
+    Figures that a test judges (anees, anis, normalised_bias, innovation_correlation) have the test's interval.
     """
 
     metric: str
@@ -57,27 +57,27 @@ def _count(metric: str, value: float, n: int) -> MetricRow:
 
 
 def metric_rows(tally: Tally, tests: Sequence[Test], verdict: Verdict, bound: Array | None = None) -> list[MetricRow]:
-    """Every figure of an ensemble but its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
+    """Every figure of an ensemble except its tests. bound: (n, n, T), the Cramer-Rao bound, if there is one."""
     return [row for make in metric_groups(tally, tests, verdict, bound).values() for row in make()]
 
 
 def metric_groups(
     tally: Tally, tests: Sequence[Test], verdict: Verdict | None, bound: Array | None = None
 ) -> dict[str, Callable[[], list[MetricRow]]]:
-    """The same in groups, by name, each made when it is called; without a verdict there is no row of it."""
+    """The same in groups, by name, each made when called; without a verdict it has no row."""
 
     def made(rows: Callable[[], Iterable[MetricRow]]) -> Callable[[], list[MetricRow]]:
         return quietly(lambda: [_unsure(row) if tally.repeated else row for row in rows()])
 
     return {
         ERRORS: made(lambda: _errors(tally)),
-        "what is judged": made(lambda: _judged(tally, {test.name: test for test in tests})),
+        "judged figures": made(lambda: _judged(tally, {test.name: test for test in tests})),
         "shares inside": made(lambda: _all_components(tally)),
         "credibility": made(lambda: _credibility(tally)),
         "likelihood": made(lambda: _innovations(tally)),
         "efficiency": made(lambda: _efficiency(tally, bound)),
         "found": made(lambda: _found(tally)),
-        "what the filter noted": made(lambda: _noted(tally)),
+        "the filter's notes": made(lambda: _noted(tally)),
         "diverged runs": made(lambda: _diverged(tally)),
         "verdict": made(lambda: [] if verdict is None else [_verdict(tally, verdict)]),
     }
@@ -124,8 +124,8 @@ def _errors(tally: Tally) -> Iterator[MetricRow]:
 
 
 def _judged(tally: Tally, by: Mapping[str, Test]) -> Iterator[MetricRow]:
-    """What tests judge, with the intervals by which they do; of fewer runs than a test needs, without one."""
-    if not by:  # they could not be made, and without them there is no saying how sure these are
+    """Figures that tests judge, with the intervals that the tests use; without intervals if a test needs more runs."""
+    if not by:  # these could not be made, so the uncertainty is unknown
         return
     bias = intervals_of_all(tally.moments["bias"], _level(by[BIAS]))
     for name, found in zip(tally.space.names, bias, strict=True):
@@ -143,7 +143,7 @@ def _of_enough(found: Estimate) -> Estimate:
 
 
 def _level(test: Test) -> float:
-    """That at which it judges; the usual one where it could not."""
+    """The level at which a test judges; the usual one if it could not be made."""
     return test.level if np.isfinite(test.level) else LEVEL
 
 
@@ -167,9 +167,9 @@ def _innovations(tally: Tally) -> Iterator[MetricRow]:
 
 
 def _efficiency(tally: Tally, bound: Array | None) -> Iterator[MetricRow]:
-    """Bound over RMSE: at most one but for chance. Its interval is that of the RMSE.
+    """Bound over RMSE: at most one, apart from chance. Its interval is that of the RMSE.
 
-    None where runs broke: their RMSE is of the steps before, and the bound of all.
+    None if runs broke: their RMSE covers the steps before, the bound covers all.
     """
     if bound is None or tally.diverged["not_finite"] or tally.diverged["not_definite"]:
         return
@@ -200,7 +200,7 @@ def _noted(tally: Tally) -> Iterator[MetricRow]:
 
 
 def test_rows(tests: Sequence[Test]) -> list[dict[str, object]]:
-    """A line a test."""
+    """One line per test."""
     return [
         {
             "test": test.name,
@@ -249,7 +249,7 @@ def coverage_rows(tally: Tally) -> list[dict[str, object]]:
 
 
 def histogram_rows(tally: Tally) -> list[dict[str, object]]:
-    """How many runs have an RMSE, and a mean NEES / n, between which bounds; bins without runs are left out."""
+    """How many runs have an RMSE, and a mean NEES / n, within which limits; bins without runs are left out."""
     rows = []
     parts = [("rmse", name, tally.histograms["mean_square"].counts[i]) for i, name in enumerate(tally.space.names)]
     if "position_square" in tally.histograms:
@@ -283,5 +283,5 @@ def _root(estimate: Estimate) -> Estimate:
 
 def _clipped(estimate: Estimate) -> Estimate:
     value, low, high, n = estimate
-    value = min(value, 1.0)  # a sum of shares of time may be one and a last bit
+    value = min(value, 1.0)  # rounding may push a sum of shares of time just past one
     return Estimate(value, max(low, 0.0) if np.isfinite(low) else low, min(high, 1.0) if np.isfinite(high) else high, n)

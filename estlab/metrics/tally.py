@@ -1,4 +1,4 @@
-"""What is kept of runs: sums over them at each time, moments of what each answers. Its size does not grow with them."""
+"""Sums over runs at each time, and moments of each run's results. Their size does not grow with the number of runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estlab.maths.space import Array, Space
+from estlab.metrics.masked import count, mean, or_nan, total
 from estlab.metrics.moments import Histogram, SampleMoments
 from estlab.metrics.scores import (
     LAGS,
@@ -20,25 +21,25 @@ from estlab.metrics.scores import (
 )
 from estlab.record import Estimates, Record
 
-_NAMED = 100  # diverged runs that are named, of each kind
-_SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # what is kept of single errors, for what cannot be added up
+_NAMED = 100  # diverged runs that are listed, for each kind
+_SAMPLE_RUNS, _SAMPLE_BYTES = 500, 2**24  # single errors that are kept, for statistics that cannot be added
 
 CAUSES = ("not_finite", "not_definite", "lost")
 
 
 @dataclass
 class Tally:
-    """Errors and consistency of one filter over runs: of a block, and of blocks added up.
+    """Errors and consistency of one filter over runs: of a block, and of blocks added together.
 
-    Only what is finite is scored: a gap in the truth or a run that broke takes no part in a mean, and every figure has
-    beside it how much it is made of. repeated: whether all runs share one truth and one set of readings. begin: the
-    number of the ensemble's first run.
+    Only finite values are scored: a gap in the truth or a run that broke does not count in a mean, and every figure
+    comes with the number of values behind it. repeated: whether all runs share one truth and one set of readings.
+    begin: the number of the ensemble's first run.
 
-    sampled: whether covariances are a sample's. gated: whether readings that fit badly are refused. sums: over runs,
-    at each time. moments: over runs, of what each run answers; ``converged`` in the name, of those that neither broke
-    nor were lost. histograms: of the same squares. diverged, diverged_first: how many did, and which were the first,
-    by cause. first_whitened: innovations (m, N) of the first run. first: errors (n, T, K) and NEES (T, K) of the
-    first runs, for what cannot be added up.
+    sampled: whether covariances are a sample's. gated: whether outliers are rejected. sums: over runs, at each time.
+    moments: over runs, of each run's results; ``converged`` in the name: only of those that neither broke nor were
+    lost. histograms: of the same squares. diverged, diverged_first: how many runs diverged, and the first of them, by
+    cause. first_whitened: innovations (m, N) of the first run. first: errors (n, T, K) and NEES (T, K) of the first
+    runs, for statistics that cannot be added.
     """
 
     space: Space
@@ -59,9 +60,9 @@ class Tally:
 
     @quietly
     def add(self, record: Record, estimates: Estimates, numbers: Sequence[int]) -> dict[str, Array]:
-        """Take in a block of runs with these numbers, once; what each run's squared errors are, for comparisons.
+        """Add a block of runs with these numbers, once. Returns each run's squared errors, for comparisons.
 
-        Those of a run that broke are infinite: of the steps before, it would look better than one that went on.
+        Those of a run that broke are infinite: over the steps before, it would look better than one that continued.
         """
         scores = score(self.space, self.limits, record, estimates)
         self.runs, self.first_whitened = len(numbers), scores.whitened[:, :, 0]
@@ -81,14 +82,14 @@ class Tally:
         for name, values in squares.items():
             self.histograms[name] = Histogram(values.shape[:-1])
             self.histograms[name].add(values if name == "anees" else np.sqrt(values))
-        self.moments["bias"] = SampleMoments.of(_mean(scores.error / scores.sigma, scores.scored, 1))
-        self.moments["scaled"] = SampleMoments.of(_mean(scores.scaled, np.isfinite(scores.scaled), 1))
+        self.moments["bias"] = SampleMoments.of(mean(scores.error / scores.sigma, scores.scored, 1))
+        self.moments["scaled"] = SampleMoments.of(mean(scores.scaled, np.isfinite(scores.scaled), 1))
         self.moments["correlation"] = SampleMoments.of(correlations(scores.whitened, LAGS))
         broken = scores.not_finite | scores.not_definite
         return {name: np.where(broken, np.inf, values) for name, values in squares.items()}
 
     def plus(self, other: "Tally") -> "Tally":
-        """Of the runs of both, those of the other coming after."""
+        """The runs of both; those of the other come after."""
         room = self._most
         errors, nees = (np.concatenate(pair, axis=-1)[..., :room] for pair in zip(self.first, other.first, strict=True))
         return replace(
@@ -104,23 +105,23 @@ class Tally:
 
     def _squares(self, scores: Scores) -> dict[str, Array]:
         """Each run's mean square errors and ANEES, (..., runs)."""
-        found = {"mean_square": _mean(scores.error**2, scores.scored, 1)}
+        found = {"mean_square": mean(scores.error**2, scores.scored, 1)}
         if scores.distance is not None:
-            found["position_square"] = _mean(scores.distance**2, np.isfinite(scores.distance), 0)
+            found["position_square"] = mean(scores.distance**2, np.isfinite(scores.distance), 0)
         if has_whole(self.space):
-            found["state_square"] = _mean(scores.error**2, scores.scored, (0, 1))
-        found["anees"] = _mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
+            found["state_square"] = mean(scores.error**2, scores.scored, (0, 1))
+        found["anees"] = mean(scores.nees, np.isfinite(scores.nees), 0) / self.space.size
         return found
 
     def _errors(self, scores: Scores, lapse: Array) -> dict[str, Array]:
-        """What each run says of its errors beside their squares. lapse: (T,), each step's share of the time."""
+        """Each run's error statistics beyond the squares. lapse: (T,), each step's share of the time."""
         scored, sized = scores.scored, np.isfinite(scores.nees)
         inside, counted = shares_inside(scores)
         found = {
-            "mean_error": _mean(scores.error, scored, 1),
+            "mean_error": mean(scores.error, scored, 1),
             "median_abs_error": _median(np.where(scored, np.abs(scores.error), np.nan)),
-            "mean_sigma": _mean(scores.sigma, scored, 1),
-            "inside": _mean(inside, counted, 2),
+            "mean_sigma": mean(scores.sigma, scored, 1),
+            "inside": mean(inside, counted, 2),
             "inside_last": np.where(counted[:, :, -1], inside[:, :, -1], np.nan),
             "scored": np.einsum("t,itr->ir", lapse, scored),
             "nees_scored": np.einsum("t,tr->r", lapse, sized),
@@ -135,25 +136,25 @@ class Tally:
         return found
 
     def _consistency(self, scores: Scores, estimates: Estimates) -> dict[str, Array]:
-        """Each run's NEES and NIS over what they should be, NIS over what was measured, and effective sample size."""
+        """Each run's NEES and NIS over their expectations, NIS over the values measured, and effective sample size."""
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
-        nees = _total(scores.nees, lawful, 0) / _or_nan(_total(scores.nees_mean, lawful, 0))
+        nees = total(scores.nees, lawful, 0) / or_nan(total(scores.nees_mean, lawful, 0))
         found = {
             "nees": nees,
             "nees_converged": np.where(scores.diverged, np.nan, nees),
-            "lawful": _mean(lawful.astype(float), np.isfinite(scores.nees), 0),
-            "anis": scores.nis.sum(axis=0) / _or_nan(scores.measured.sum(axis=0)),
-            "nis": scores.nis.sum(axis=0) / _or_nan(scores.nis_mean.sum(axis=0)),
-            "loglik": scores.log_likelihood / _or_nan(scores.measured.sum(axis=0)),
+            "lawful": mean(lawful.astype(float), np.isfinite(scores.nees), 0),
+            "anis": scores.nis.sum(axis=0) / or_nan(scores.measured.sum(axis=0)),
+            "nis": scores.nis.sum(axis=0) / or_nan(scores.nis_mean.sum(axis=0)),
+            "loglik": scores.log_likelihood / or_nan(scores.measured.sum(axis=0)),
         }
         if estimates.sample is not None:
-            # A cloud that was without a law at any step is one from which few states have come on.
+            # If the law is unknown at any step, the cloud came from few states.
             found["starved"] = (~np.isfinite(scores.nees_mean)).any(axis=0).astype(float)
             found["fewest"] = np.broadcast_to(estimates.sample[0], lawful.shape).min(axis=0)
         if "ess" in estimates.notes:
-            # Of the steps with readings, after which alone weights differ; of all where there are none.
+            # Steps with readings, because weights differ only after those; all steps if there are none.
             read = scores.measured > 0 if scores.measured.any() else np.ones(scores.nees.shape, dtype=bool)
-            found["ess"] = _mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
+            found["ess"] = mean(np.broadcast_to(estimates.notes["ess"], read.shape), read, 0)
         return found
 
     def _sum(self, scores: Scores, estimates: Estimates) -> None:
@@ -161,21 +162,21 @@ class Tally:
         lawful = np.isfinite(scores.nees) & np.isfinite(scores.nees_mean)
         squares = scores.error**2
         self.sums = {
-            "scored": scored.sum(axis=-1),
-            "error": _total(scores.error, scored, -1),
-            "square": _total(squares, scored, -1),
-            "quartic": _total(squares**2, scored, -1),
-            "sigma": _total(scores.sigma, scored, -1),
-            "inside": scores.inside(3).sum(axis=-1),
-            "nees": _total(scores.nees, np.isfinite(scores.nees), -1),
-            "nees_runs": np.isfinite(scores.nees).sum(axis=-1),
-            "law_runs": lawful.sum(axis=-1),
-            "law_mean": _total(scores.nees_mean, lawful, -1),
-            "law_variance": _total(scores.nees_variance, lawful, -1),
+            "scored": count(scored, -1),
+            "error": total(scores.error, scored, -1),
+            "square": total(squares, scored, -1),
+            "quartic": total(squares**2, scored, -1),
+            "sigma": total(scores.sigma, scored, -1),
+            "inside": count(scores.inside(3), -1),
+            "nees": total(scores.nees, np.isfinite(scores.nees), -1),
+            "nees_runs": count(np.isfinite(scores.nees), -1),
+            "law_runs": count(lawful, -1),
+            "law_mean": total(scores.nees_mean, lawful, -1),
+            "law_variance": total(scores.nees_variance, lawful, -1),
             "nis": scores.nis.sum(axis=-1),
             "nis_mean": scores.nis_mean.sum(axis=-1),
             "measured": scores.measured.sum(axis=-1),
-            "nis_runs": (scores.measured > 0).sum(axis=-1),
+            "nis_runs": count(scores.measured > 0, -1),
         }
         shape = scores.nees.shape
         self.sums |= {
@@ -183,7 +184,7 @@ class Tally:
         }
 
     def _take_moments(self, **values: Array) -> None:
-        """Of single numbers (*shape, runs), each entry of the shape by itself."""
+        """Add single numbers (*shape), each entry of the shape separately."""
         self.moments |= {name: SampleMoments.of(array[None]) for name, array in values.items()}
 
     def _count_diverged(self, scores: Scores, numbers: Sequence[int]) -> None:
@@ -193,30 +194,18 @@ class Tally:
             self.diverged_first[cause] = [numbers[i] for i in which[:_NAMED]]
 
     def _keep_first(self, scores: Scores, numbers: Sequence[int]) -> None:
-        """Errors and NEES of what of the ensemble's first runs is among these."""
+        """Keep errors and NEES of those among these runs that belong to the ensemble's first."""
         room = max(0, self.begin + self._most - numbers[0])
         self.first = scores.error[..., :room].copy(), scores.nees[:, :room].copy()
 
     @property
     def _most(self) -> int:
-        """How many runs' errors are kept."""
+        """How many runs' errors to keep."""
         return max(1, min(_SAMPLE_RUNS, _SAMPLE_BYTES // (8 * self.space.size * self.time.size)))
 
 
-def _total(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
-    return np.asarray(np.sum(values, axis=axis, where=where))
-
-
-def _mean(values: Array, where: Array, axis: int | tuple[int, ...]) -> Array:
-    return _total(values, where, axis) / _or_nan(where.sum(axis=axis))
-
-
-def _or_nan(total: Array) -> Array:
-    return np.where(total > 0, total, np.nan)
-
-
 def _median(values: Array) -> Array:
-    """Median over time, axis -2, of what is not NaN; NaN where nothing is."""
+    """Median over time, axis -2, without NaN; NaN if nothing is left."""
     ordered = np.sort(values, axis=-2)
     count = np.isfinite(values).sum(axis=-2, keepdims=True)
     low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, values.shape[-2] - 1)

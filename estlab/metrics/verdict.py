@@ -1,4 +1,4 @@
-"""One word and one sentence on a filter: what its tests say, with the figures for it, and a key where one is known."""
+"""The verdict on a filter: one word, one sentence with the figures behind it, and a key to change if one is known."""
 
 import math
 from collections.abc import Sequence
@@ -30,21 +30,21 @@ CONSISTENT, OVERCONFIDENT, CONSERVATIVE = "consistent", "overconfident", "conser
 BIASED, CORRELATED, LOST, STARVED, UNDECIDED = "biased", "correlated", "lost", "starved", "undecided"
 WORDS = (CONSISTENT, OVERCONFIDENT, CONSERVATIVE, BIASED, CORRELATED, LOST, STARVED, UNDECIDED)
 
-# A measurement noise four times too large makes innovations correlate by 0.2 (docs/statistics.md, calibration); by
-# more, the readings' own errors are correlated.
+# A measurement noise four times too large makes innovations correlate by 0.2 (docs/statistics.md, calibration); a
+# larger correlation comes from correlated errors of the readings.
 _COLOURED = 0.25
-_STARVED = 0.5  # share of the runs whose clouds are too small at some step
+_STARVED = 0.5  # share of the runs with too small a cloud at some step
 _JUDGED = (NEES, NIS, BIAS, WHITENESS)
-_COARSE = 1.5  # how much larger NEES has to be to be seen, from which on it is said
+_COARSE = 1.5  # the smallest detectable excess of NEES that a verdict mentions
 
 PROCESS, MEASUREMENT = "noise.filter.process_scale", "noise.filter.measurement_scale"
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How large a fault must be to be called one, however many runs show it, and how many lost runs are too many.
+    """The smallest size of a fault, however many runs show it, and the share of lost runs that is too large.
 
-    fault: of NEES and NIS from one, of a bias in sigmas, of a correlation. lost: share of the runs.
+    fault: deviation of NEES and NIS from one, bias in sigmas, correlation. lost: share of the runs.
     """
 
     fault: float
@@ -57,7 +57,7 @@ class Tolerance:
 
 
 class Verdict(NamedTuple):
-    """The word, the sentence, the key to look at (empty for none) and the smallest adjusted p-value of the tests."""
+    """The word, the sentence, the key to change (empty for none) and the smallest adjusted p-value of the tests."""
 
     word: str
     sentence: str
@@ -106,7 +106,7 @@ def judge(tally: Tally, tests: Sequence[Test], tolerance: Tolerance, sampled_key
 
 
 def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
-    """The one fault that matters most: a bias where it explains at least half of what the NEES is too large by."""
+    """The fault that matters most: a bias if it explains at least half of the excess of NEES."""
     if INSIDE in faults:
         return OVERCONFIDENT
     nees = by[NEES].found.value if NEES in faults else 1.0
@@ -122,11 +122,11 @@ def _word(by: dict[str, Test], faults: set[str], explained: float) -> str:
 
 
 def _is_starved(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
-    """Whether a cloud that is too small at some step is what is wrong.
+    """Whether a cloud that is too small at some step is the cause.
 
-    Where NEES is judged, it tells. Where it has no law, the cloud is starved if it fell to so few states that their
-    covariance says nothing, or if NEES is larger than so few drawn from the truth's own law would have it. Where
-    shares inside 3 sigma tell how wrong the cloud is, they are what is reported.
+    If NEES is judged, it decides. If it has no law, the cloud is starved if it fell to so few states that their
+    covariance says nothing, or if NEES is larger than for so few states drawn from the truth's own law. If shares
+    inside 3 sigma show how wrong the cloud is, they are reported instead.
     """
     n, size = tally.space.size, _fewest(tally)
     if INSIDE in faults or not (size <= n + 4 or _is_to_blame(by, faults)):
@@ -137,10 +137,10 @@ def _is_starved(tally: Tally, by: dict[str, Test], faults: set[str]) -> bool:
 
 
 def _is_to_blame(by: dict[str, Test], faults: set[str]) -> bool:
-    """Whether a small cloud may be why errors are too large: not where innovations are too large and white or worse.
+    """Whether a small cloud may be why errors are too large: not if innovations are too large and white, or worse.
 
-    A cloud that lost its states stays on one side of the readings, so that innovations correlate. Where they do not,
-    readings are worse than the filter takes them for, and it is that which makes the cloud small.
+    A cloud that lost its states stays on one side of the readings, so its innovations correlate. If they do not, the
+    readings are worse than the filter assumes, and that is what makes the cloud small.
     """
     if NIS not in faults or by[NIS].found.value < 1.0:
         return True
@@ -153,7 +153,7 @@ def _fewest(tally: Tally) -> float:
 
 
 def _sample(tally: Tally, key: str) -> str:
-    """What became of the samples of half of the runs or more; empty where they are large enough throughout."""
+    """What happened to the samples of half of the runs or more; empty if they are large enough throughout."""
     if not (key and tally.sampled and tally.moments["starved"].mean[0] >= _STARVED):
         return ""
     states, found = key.rpartition(".")[2], f"{_fewest(tally):.3g}"
@@ -164,16 +164,16 @@ def _sample(tally: Tally, key: str) -> str:
 
 
 def _enough(tally: Tally, key: str) -> str:
-    """What would do, if a key is given: the effective size grows with the sample."""
+    """The advice on the sample's size, if a key is given: the effective size grows with the sample."""
     return f": raise {key} by a factor of {math.ceil(LEAST_EFFECTIVE / _fewest(tally))}" if key else ""
 
 
 def _advice(word: str, by: dict[str, Test], faults: set[str], sampled: bool) -> tuple[str, str]:
-    """The key that the calibration names where a noise is planted that is not what the filter takes it for.
+    """The key that the calibration supports for a noise that the filter assumes wrongly.
 
-    Errors and innovations too large, and innovations correlated with those before, come of too little process noise;
-    anticorrelated, of too little measurement noise. Too small, of too much, the other way about. Mehra 1970. Whatever
-    looks otherwise has no key: correlated readings, a model that is off, a linearisation, a cloud.
+    Errors and innovations too large, and innovations correlated with earlier ones: too little process noise;
+    anticorrelated: too little measurement noise. Errors and innovations too small: too much, with the signs reversed.
+    Mehra 1970. Any other pattern has no key: correlated readings, a wrong model, a linearisation, a cloud.
     """
     if word not in (OVERCONFIDENT, CONSERVATIVE) or NEES not in faults or sampled:
         return "", ""
@@ -194,26 +194,26 @@ def _figure(test: Test) -> str:
         return f"innovations correlated {found} at {test.of}"
     if test.name == INSIDE:
         return (
-            f"{test.of} within 3 sigma for {found} of the time, and {LEAST_INSIDE:.3f} is the least of any distribution"
+            f"{test.of} within 3 sigma for {found} of the time, where any distribution has at least {LEAST_INSIDE:.3f}"
         )
     return f"{test_heading(test.name, test.of)} = {found}"
 
 
 def _nees(tally: Tally) -> str:
-    """NEES where it is told and not judged."""
+    """NEES where it is shown without being judged."""
     of, moments = nees_of(tally)
     return f"{test_heading(NEES, of)} = {bracketed(positive_interval(moments), 1.0)}"
 
 
 def _consistent(tally: Tally, by: dict[str, Test]) -> str:
     slight = [name for name in (NEES, NIS, BIAS, WHITENESS) if by[name].rejected]
-    but = ", but for what is too slight to matter" if slight else ""
+    but = ", apart from deviations too slight to matter" if slight else ""
     seen = "" if slight else _could_be_seen(tally, by[NEES])
     return f"consistent{_as_far_as(by)}{but}: {', '.join(_not_rejected(by))}{seen}"
 
 
 def _not_rejected(by: dict[str, Test]) -> list[str]:
-    """What every test found that was made, of a filter without a fault."""
+    """The results of all tests that were made, for a filter without a fault."""
     parts = [_figure(by[name]) for name in (NEES, NIS) if np.isfinite(by[name].p)]
     for name, word in ((BIAS, "no bias"), (WHITENESS, "white innovations")):
         parts += [_figure(by[name]) if by[name].rejected else word] * bool(np.isfinite(by[name].p))
@@ -225,21 +225,21 @@ def _as_far_as(by: dict[str, Test]) -> str:
 
 
 def _could_be_seen(tally: Tally, nees: Test) -> str:
-    """Which NEES so many runs would have shown to be wrong, where only a large fault would have been."""
+    """Which NEES so many runs would have exposed, if only a large fault would have been visible."""
     if np.isfinite(nees.p):
         reach = nees.found.high / nees.found.value
         return f"; {_would_show(f'{nees.found.n} runs', nees.of, reach)}" if reach > _COARSE else ""
     enough = tally.runs >= FEWEST and not tally.repeated
     if enough or tally.sampled or not int(nees_of(tally)[1].count):
         return ""
-    # At most, since a mean over time varies less than what it is of: a chi-square of one step, over its n.
+    # At most, because a mean over time varies less than its terms: a chi-square of one step, over its n.
     error = math.sqrt(2.0 / (tally.space.size * FEWEST))
     what = "recordings" if tally.repeated else "runs"
     return f"; {_would_show(f'{FEWEST} {what}', nees.of, stretched(error, FEWEST, LEVEL / len(_JUDGED)))}"
 
 
 def _would_show(runs: str, of: str, reach: float) -> str:
-    """Rounded away from one, so that what is said to be seen is."""
+    """Rounded away from one, so that the stated value really is visible."""
     places = 1 - math.floor(math.log10(reach))
     above = math.ceil(reach * 10.0**places) / 10.0**places
     below = 1.0 / reach

@@ -1,4 +1,4 @@
-"""What may be asked of any answer: its kind, its shape, its numbers. Each raises AnswerError with one line."""
+"""Checks of any answer: its kind, its shape, its numbers. Each raises AnswerError with one line."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
@@ -15,7 +15,7 @@ quietly = np.errstate(all="ignore")
 
 
 def refuse(where: str, what: str) -> NoReturn:
-    """Say what is wrong with an answer."""
+    """Raise AnswerError that says what is wrong with an answer."""
     raise AnswerError(f"{where}: {what}")
 
 
@@ -26,7 +26,7 @@ def named(function: Any, role: str) -> str:
 
 
 def kind(value: Any) -> str:
-    """What a value is, in few words."""
+    """What a value is, in a few words."""
     if value is None:
         return "nothing (None)"
     if isinstance(value, np.ndarray):
@@ -61,7 +61,7 @@ def whole(where: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
     """The array of whole numbers."""
     found = numbers(where, what, value, *shapes)
     if found.dtype.kind not in "iu":
-        refuse(where, f"{what} an array of {found.dtype}; must be of whole numbers: astype(int)")
+        refuse(where, f"{what} an array of {found.dtype}; must hold integers: use astype(int)")
     return found
 
 
@@ -80,7 +80,7 @@ def covariance(where: str, what: str, value: Any, *shapes: tuple[int, ...]) -> A
         lowest = np.linalg.eigvalsh(member)[0]
         least = np.diag(member).min()
         why = f"variance {least:g}" if least < 0.0 else f"eigenvalue {lowest:.3g}"
-        refuse(where, f"{what} a matrix with the {why}; a covariance is positive semidefinite")
+        refuse(where, f"{what} a matrix with the {why}; a covariance must be positive semidefinite")
     return found
 
 
@@ -113,7 +113,7 @@ def entry(where: str, what: str, value: Any, batch: tuple[int, ...]) -> Any:
     except ValueError:
         fits = False
     if not fits:
-        refuse(where, f"{what} {kind(array)} where its arguments have {batch}; must have that shape, point by point")
+        refuse(where, f"{what} {kind(array)} where its arguments have {batch}; must have that shape")
     return array
 
 
@@ -136,14 +136,12 @@ def rows(where: str, what: str, value: Any, m: int, n: int, batch: tuple[int, ..
 
 
 def unchanged(where: str, what: str, call: Callable[..., Any], *arguments: Any) -> Any:
-    """What a call gives; it must not write into its arguments."""
+    """The result of a call, which must not write into its arguments."""
     before = [np.copy(a) if isinstance(a, np.ndarray) else a for a in arguments]
     value = call(*arguments)
     for old, new in zip(before, arguments, strict=True):
         if isinstance(old, np.ndarray) and not np.array_equal(old, new, equal_nan=True):
-            refuse(
-                where, f"{what} changed its arguments in place; it must leave them as they are, and return new values"
-            )
+            refuse(where, f"{what} changed its arguments in place; leave them as they are, and return new values")
     return value
 
 
@@ -160,7 +158,7 @@ def _numeric(array: Array) -> bool:
 
 
 def _first(where: Array, values: Array) -> tuple[list[int], str]:
-    """The first place that is marked, and the number there."""
+    """The first marked position, and the number there."""
     place = [int(i) for i in np.argwhere(where)[0]]
     return place, f"{values[tuple(place)]:g}"
 

@@ -1,4 +1,4 @@
-"""A robot that a camera sees from above. State: x [cm], y [cm], speed [cm/s], heading [rad]. Seed document 004."""
+"""A robot seen by a camera from above. State: x [cm], y [cm], speed [cm/s], heading [rad]. Seed document 004."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ FIX = Space(("x", "y"), ("cm", "cm"))
 
 
 def coast(state: Array, control: Array, noise: Array, dt: float) -> Components:
-    """Straight on for dt [s]; then speed and heading take a step of their random walks. Document 004, equation 2.
+    """Straight motion for dt [s]; then speed and heading take a step of their random walks. Document 004, equation 2.
 
-    noise: the walks' rates [cm/s and rad, per sqrt(s)]. With covariance diag(dv2, dth2) they add the document's
-    Gamma Q Gamma', whose Gamma has sqrt(dv2 dt) and sqrt(dth2 dt) and whose Q is the identity (equations 4 and 5).
+    noise: the walks' rates [cm/s and rad, per sqrt(s)]. With covariance diag(dv2, dth2) they add the document's Gamma
+    Q Gamma', with sqrt(dv2 dt) and sqrt(dth2 dt) in Gamma and the identity as Q (equations 4 and 5).
     """
     x, y, speed, heading = state
     noise_speed, noise_heading = noise
@@ -27,7 +27,7 @@ def coast(state: Array, control: Array, noise: Array, dt: float) -> Components:
 
 
 def coast_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
-    """Derivatives of :func:`coast` in state and noise. Document 004, equation 3 (whose first two ones are left out)."""
+    """Derivatives of :func:`coast` in state and noise. Document 004, equation 3 (which omits the first two ones)."""
     _, _, speed, heading = state
     (cos, sin), root = cos_sin(heading), np.sqrt(dt)
     in_state = (

@@ -1,4 +1,4 @@
-"""A motion and a sensor held to their contract: where a belief is, alone, in runs and in points."""
+"""Checks a motion and a sensor against their contract at a belief: alone, in runs and in points."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,44 +12,44 @@ from estlab.maths.space import TURN, Array, Space
 from estlab.models.answers import components, covariance, instance, named, quietly, refuse, rows, unchanged
 from estlab.models.contract import Motion, Sensor
 
-_STEPS = 50  # at which a process noise is asked for: some of all
-_POINTS = 3  # at which derivatives are held to differences: near a kink one may disagree
+_STEPS = 50  # steps whose process noise is checked: some of all
+_POINTS = 3  # points at which derivatives are compared with differences: near a kink one may disagree
 
 
 def check_space(where: str, space: Any, least: int) -> None:
-    """Raise AnswerError unless this is a space whose parts go together."""
+    """Raise AnswerError unless this is a space with consistent parts."""
     instance(where, "is", space, Space)
     for field in ("names", "units"):
         value = getattr(space, field)
         if not isinstance(value, tuple) or not all(isinstance(part, str) for part in value):
             refuse(where, f"{field} = {value!r}; must be a tuple of words, one for each component")
     if len(space.names) != len(space.units):
-        refuse(where, f"{len(space.names)} names and {len(space.units)} units; each component has one of both")
+        refuse(where, f"{len(space.names)} names and {len(space.units)} units; each component needs one of each")
     if len(space.names) < least:
         refuse(where, f"no component; it must have {least} or more")
     if len(set(space.names)) != len(space.names):
-        refuse(where, f"names = {space.names}; each component must have a name of its own")
+        refuse(where, f"names = {space.names}; each component needs its own name")
     for field in ("angles", "position"):
         value = getattr(space, field)
         if not isinstance(value, tuple) or not all(isinstance(i, int) and 0 <= i < space.size for i in value):
-            refuse(where, f"{field} = {value!r}; must be a tuple of numbers of components, from 0 to {space.size - 1}")
+            refuse(where, f"{field} = {value!r}; must be a tuple of indices of components, from 0 to {space.size - 1}")
         if len(set(value)) != len(value):
-            refuse(where, f"{field} = {value!r}; a component is there twice")
+            refuse(where, f"{field} = {value!r}; it names a component twice")
 
 
 def check_motion(where: str, motion: Any, state: Space) -> Motion:
-    """The motion, as far as it can be looked at without a state."""
+    """Check everything about the motion that needs no state."""
     instance(where, "returned", motion, Motion)
     _same_space(where, "space", motion.space, state)
     for field in ("move", "noise_cov", "jacobians", "hessians"):
         _callable(where, field, getattr(motion, field), optional=field in ("jacobians", "hessians"))
     if not isinstance(motion.noise_size, int | np.integer) or motion.noise_size < 0:
-        refuse(where, f"noise_size = {motion.noise_size!r}; must be a whole number, of the components of the noise")
+        refuse(where, f"noise_size = {motion.noise_size!r}; must be an integer, the number of components of the noise")
     return motion
 
 
 def check_sensor(where: str, sensor: Any, state: Space) -> Sensor:
-    """The sensor, as far as it can be looked at without a state."""
+    """Check everything about the sensor that needs no state."""
     instance(where, "returned", sensor, Sensor)
     check_space(f"{where}: space", sensor.space, 0)
     _same_space(where, "state", sensor.state, state)
@@ -59,28 +59,28 @@ def check_sensor(where: str, sensor: Any, state: Space) -> Sensor:
     covariance(where, "noise_cov is", sensor.noise_cov, (m, m))
     if not isinstance(sensor.landmarks, np.ndarray) or sensor.landmarks.ndim != 2:
         refuse(
-            where, "landmarks must be an array (p, number of them), such as np.empty((0, 1)) where there is no choice"
+            where, "landmarks must be an array (p, number of them), such as np.empty((0, 1)) if there are no landmarks"
         )
     return sensor
 
 
 def check_noise(where: str, sensor: Sensor) -> None:
-    """Raise AnswerError if a filter cannot take the sensor's noise: without any, a reading leaves no covariance."""
+    """Raise AnswerError if a filter cannot use the sensor's noise: a reading without noise leaves no covariance."""
     pivots = np.diag(cholesky(sensor.noise_cov))
     if not (pivots > 0.0).all():
         free = sensor.space.names[int(np.argmin(pivots > 0.0))]
         refuse(
             where,
-            f"noise_cov is singular: {free} has no noise of its own, and filters need some; "
-            "give it the variance of its last digit",
+            f"noise_cov is singular: {free} has no noise of its own, but filters need some; give it the "
+            "variance of its last digit",
         )
 
 
 @quietly
 def try_motion(where: str, motion: Motion, begin: Gaussian, control: Array, lapse: Array) -> None:
-    """Raise AnswerError unless the motion answers as it must from a belief on.
+    """Raise AnswerError unless the motion works from a belief on.
 
-    begin: mean (n, runs), cov (n, n). control: (c, T, runs or 1). lapse: (T,) how long each step is [s].
+    begin: mean (n, runs), cov (n, n). control: (c, T, runs or 1). lapse: (T,) duration of each step [s].
     """
     moving = np.flatnonzero(lapse > 0.0)
     if moving.size == 0:
@@ -114,7 +114,7 @@ def try_motion(where: str, motion: Motion, begin: Gaussian, control: Array, laps
 
 @quietly
 def try_sensor(where: str, sensor: Sensor, begin: Gaussian, landmark: Array) -> None:
-    """Raise AnswerError unless the sensor answers as it must where a belief is.
+    """Raise AnswerError unless the sensor works at a belief.
 
     begin: mean (n, runs), cov (n, n). landmark: (p, runs), what the readings are about.
     """
@@ -155,7 +155,7 @@ class _Start:
         self.mean = mean[:, : self.runs].copy()
         variances = cov[range(space.size), range(space.size)].reshape(space.size, -1)[:, :1]
         spread = np.where(variances > 0.0, 0.1 * np.sqrt(variances), 1e-3 * np.maximum(1.0, np.abs(self.mean[:, :1])))
-        # No two components in step, so that no symmetry of a model hides a slip.
+        # Components vary independently, so that no symmetry of a model hides a mistake.
         steps = np.sin(1.0 + 2.3 * np.arange(space.size)[:, None] + 1.7 * np.arange(1, _POINTS)) * spread
         self.points = np.concatenate([self.mean[:, None], self.mean[:, None] + steps[..., None]], axis=1)
         self.near = self.points[..., 0].T
@@ -199,7 +199,7 @@ def _try_jacobians(where: str, motion: Motion, at: _Start, control: Array, dt: f
 def _agree(
     where: str, role: str, pairs: list[tuple[Array, Array, Array]], at: _Start, of: tuple[str, ...], to: Any
 ) -> None:
-    """Derivatives stated and by differences agree near one of the points, as they do unless each has a kink."""
+    """Stated derivatives and differences must agree near one of the points; they do unless each has a kink."""
     wrong = []
     for stated, found, value in pairs:
         slack = 1e-3 * np.maximum(np.abs(stated), np.abs(found)) + 1e-6 * np.maximum(1.0, np.abs(value))[:, None]
@@ -211,7 +211,7 @@ def _agree(
         refuse(
             where,
             f"{role}: the derivative of {of[i]} in {to[j]} is stated as {stated:.6g} and is {found:.6g} by "
-            f"differences, at {at}; mend it, or leave {role.partition(' ')[0]} out",
+            f"differences, at {at}; correct it, or leave {role.partition(' ')[0]} out",
         )
 
 
@@ -224,7 +224,7 @@ def _try_hessians(where: str, role: str, value: Any, names: tuple[str, ...], at:
 
 
 def _unrolled(where: str, role: str, motion: Motion, at: _Start, control: Array, dt: float) -> None:
-    """An angle that goes a little with itself must go a turn with itself."""
+    """An angle that changes smoothly with itself must also change by a whole turn with itself."""
     silent = np.zeros(motion.noise_size)
     for i in motion.space.angles:
         some, turned = at.near[-1].copy(), at.near[-1].copy()
@@ -236,14 +236,14 @@ def _unrolled(where: str, role: str, motion: Motion, at: _Start, control: Array,
 
 
 def _alike(where: str, role: str, among: Array, alone: Array, names: tuple[str, ...]) -> None:
-    """What points give among others is what they give alone."""
+    """Points among others must give the same as alone."""
     off = ~np.isclose(among, alone, rtol=1e-9, atol=1e-12, equal_nan=True)
     if off.any():
         i, p = np.argwhere(off)[0]
         refuse(
             where,
-            f"{role} gives {names[i]} = {among[i, p]:.6g} for a point among others and {alone[i, p]:.6g} for it alone; "
-            "it must take each point by itself",
+            f"{role} gives {names[i]} = {among[i, p]:.6g} for a point among others and {alone[i, p]:.6g} for "
+            "it alone; compute each point separately",
         )
 
 

@@ -1,7 +1,7 @@
-"""What a filter needs to know of a motion and of a sensor.
+"""The contract of a motion and of a sensor: what a filter needs to know.
 
-A model itself is a module-level function of components that returns a tuple of components, in NumPy's functions
-only. It never asks how many points or runs there are: every component has shape ``(*batch)`` and the batch is
+A model itself is a module-level function of components that returns a tuple of components and uses only NumPy's
+functions. It never asks how many points or runs there are: every component has shape ``(*batch)``, and the batch is
 points, runs, both or nothing.
 """
 
@@ -29,11 +29,11 @@ Hessians = Callable[..., Sequence[Rows] | None]
 class Motion:
     """x[k] = move(x[k-1], u[k], w[k], dt) with w ~ N(0, noise_cov(u, dt)).
 
-    move(state, control, noise, dt): components in, components out. It must not wrap its angles: what it
-    returns is continuous in its arguments, so that sigma points more than half a turn apart stay apart.
+    move(state, control, noise, dt): components in, components out. It must not wrap its angles: its results are
+    continuous in its arguments, so that sigma points more than half a turn apart stay apart.
     noise_cov(control, dt): (q, q, runs or nothing). noise_size: q.
-    jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0, or None: exact ones are then found
-    by tracing ``move`` (estlab.compiled), or differences taken where that cannot be.
+    jacobians(state, control, dt): rows of dx/dx and of dx/dw at w = 0. None: estlab finds exact ones by tracing
+    ``move`` (estlab.compiled), or uses differences if it cannot.
     hessians(state, control, dt): for each component of x, rows of its second derivative in x, or None likewise.
     """
 
@@ -46,7 +46,7 @@ class Motion:
 
     @cached_property
     def unrolled(self) -> Space:
-        """The state's space with its angles on a line: how values of ``move`` are subtracted from each other."""
+        """The state's space with unwrapped angles, for subtracting values of ``move`` from each other."""
         return replace(self.space, angles=())
 
     def step(self, state: Array, control: Array, noise: Array, dt: float) -> Array:
@@ -69,12 +69,12 @@ class Motion:
         hessians = None if rows is None else _stacked_hessians(lambda x: rows(x, control, dt), evaluate, self.unrolled)
         if jacobians is None:
             return Function(evaluate, self.unrolled, None, hessians), lambda at: self.noise_jacobian(at, control, dt)
-        # Both Jacobians are wanted at one state, and come together.
+        # Both Jacobians are needed at one state, so they are computed together.
         both = _Latest(lambda state: jacobians(state, control, dt))
         return Function(evaluate, self.unrolled, lambda at: both(at)[0], hessians), lambda at: both(at)[1]
 
     def _derivatives(self, control: Array) -> tuple[Jacobians | None, Hessians | None]:
-        """Jacobians and Hessians as they are stated, else exact ones; None where the motion cannot be traced."""
+        """Jacobians and Hessians as stated, otherwise exact ones; None if the motion cannot be traced."""
         jacobians: Jacobians | None = self.jacobians
         hessians: Hessians | None = self.hessians
         silent = np.zeros(self.noise_size)
@@ -130,7 +130,7 @@ class Sensor:
 
     measure(state, landmark): components in, components out. space: of the readings. state: the space of the state.
     noise_cov: (m, m).
-    landmarks: (p, number of landmarks), what a reading may be about; (0, 1) where there is no choice.
+    landmarks: (p, number of landmarks), what a reading may be about; (0, 1) if there are none.
     jacobian(state, landmark): rows of dz/dx, or None as in Motion.
     hessians(state, landmark): for each component of z, rows of its second derivative in x, or None likewise.
     """
@@ -164,7 +164,7 @@ class Sensor:
 
     @cached_property
     def _derivatives(self) -> tuple[Jacobian | None, Hessians | None]:
-        """Jacobian and Hessians as they are stated, else exact ones; None where the sensor cannot be traced."""
+        """Jacobian and Hessians as stated, otherwise exact ones; None if the sensor cannot be traced."""
         jacobian: Jacobian | None = self.jacobian
         hessians: Hessians | None = self.hessians
         sizes = self.state.size, len(self.landmarks)
@@ -212,7 +212,7 @@ class Sensor:
 def _stacked_hessians(
     rows: Callable[[Array], Any], evaluate: Callable[[Array], Array], space: Space
 ) -> Callable[[Array], Array]:
-    """Hessians as one array (m, n, n, *batch), by differences where there are none."""
+    """Hessians as one array (m, n, n, *batch), by differences if none are stated."""
 
     def hessians(state: Array) -> Array:
         if (found := rows(state)) is None:
@@ -223,7 +223,7 @@ def _stacked_hessians(
 
 
 class _Latest:
-    """A function of one argument that answers again for the one it was last asked for."""
+    """A function of one argument that caches the result for its latest argument."""
 
     def __init__(self, function: Callable[[Array], Any]) -> None:
         self._function, self._argument, self._answer = function, np.empty(0), None

@@ -1,4 +1,4 @@
-"""Range and bearing to a known landmark, or its bearing alone, seen from a pose."""
+"""Range and bearing to a known landmark, or only its bearing, from a pose."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def range_bearing_jacobian(pose: Array, landmark: Array) -> Rows:
 
 
 def bearing(pose: Array, landmark: Array) -> Components:
-    """Bearing [rad] alone, from a pose to a landmark in any one unit of length. Seed document 001."""
+    """Bearing [rad] from a pose to a landmark, in any one unit of length. Seed document 001."""
     x, y, heading = pose
     mark_x, mark_y = landmark
     return (np.arctan2(mark_y - y, mark_x - x) - heading,)
@@ -51,7 +51,7 @@ def bearing_hessians(pose: Array, landmark: Array) -> tuple[Rows, ...]:
 
 
 def seen_at(pose: Array, reading: Array) -> Array:
-    """Where a reading (2, *batch) taken from a pose (3, *batch) puts its landmark: (2, *batch) [m]."""
+    """The position (2, *batch) [m] of the landmark, from a reading (2, *batch) taken at a pose (3, *batch)."""
     x, y, heading = pose
     distance, bearing = reading
     return np.stack([x + distance * np.cos(heading + bearing), y + distance * np.sin(heading + bearing)])

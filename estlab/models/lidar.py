@@ -1,4 +1,4 @@
-"""LIDAR frames of a rectangle: rays cast from the origin at fixed steps of bearing, and what is measured from them."""
+"""LIDAR frames of a rectangle: rays cast from the origin at fixed steps of bearing, and their measurement."""
 
 import numpy as np
 
@@ -9,10 +9,11 @@ STEP = np.radians(0.5)  # between neighbouring rays [rad]
 
 
 def cast(state: Array, step: float = STEP) -> tuple[Array, Array]:
-    """Points (2, N) of range [m] and bearing [rad] on the visible edges, and which state each belongs to (N,).
+    """Points (2, N) of range [m] and bearing [rad] on the visible edges, and the index (N,) of the state that each
+    belongs to.
 
-    state: (6, B), B rectangles that do not contain the origin. Rays lie at whole multiples of ``step``.
-    A rectangle thinner than a ray's step may be missed by all of them.
+    state: (6, B), B rectangles that do not contain the origin. Rays lie at integer multiples of ``step``. A rectangle
+    thinner than a ray's step may be missed by all of them.
     """
     _, _, _, start, count = rays(state, step)
     owner = np.repeat(np.arange(state.shape[1]), count)
@@ -57,7 +58,7 @@ def slabs(state: Array) -> Array:
 
 
 def nearest_hit(slabs: Array, bearing: Array) -> Array:
-    """Distance along each ray to the first edge by the slab method, NaN where the ray misses. Kay and Kajiya 1986."""
+    """Distance along each ray to the first edge by the slab method; NaN if the ray misses. Kay and Kajiya 1986."""
     heading, rear, front, right, left = slabs
     ray_along, ray_across = np.cos(bearing - heading), np.sin(bearing - heading)
     with np.errstate(divide="ignore", invalid="ignore"):

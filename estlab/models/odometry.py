@@ -13,7 +13,7 @@ SPACE = Space(("x", "y", "heading"), ("cm", "cm", "rad"), angles=(2,), position=
 
 
 def turn_move_turn(pose: Array, control: Array, noise: Array, dt: float) -> Components:
-    """The pose after a step. control: rot1 [rad], trans [cm], rot2 [rad]; noise: added to them. dt plays no part."""
+    """The pose after a step. control: rot1 [rad], trans [cm], rot2 [rad]; noise: added to them. dt has no effect."""
     x, y, heading = pose
     rot1, trans, rot2 = control
     noise_rot1, noise_trans, noise_rot2 = noise
@@ -34,7 +34,7 @@ def jacobians(pose: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
 
 
 def hessians(pose: Array, control: Array, dt: float) -> tuple[Rows, ...]:
-    """Second derivatives of :func:`turn_move_turn` in the pose: only the heading bends it."""
+    """Second derivatives of :func:`turn_move_turn` in the pose: only the heading is nonlinear."""
     _, _, heading = pose
     rot1, trans, _ = control
     still = (0.0, 0.0, 0.0)
@@ -47,10 +47,11 @@ def hessians(pose: Array, control: Array, dt: float) -> tuple[Rows, ...]:
 
 
 def noise_cov(control: Array, alphas: Array, least_sd: float) -> Array:
-    """M (3, 3, *batch) of the noise on a control (3, *batch): it grows with what is commanded.
+    """M (3, 3, *batch) of the noise on a control (3, *batch), which grows with the command.
 
     alphas: (4,), a turn's noise from turning and from moving, a move's from moving and from turning.
-    least_sd: what no standard deviation falls below [rad, cm]: a robot told to stay has M = 0, which has no factor.
+    least_sd: lower limit of the standard deviations [rad, cm]: a robot commanded to stay has M = 0, which has no
+    factor.
     """
     rot1, trans, rot2 = np.square(control)
     by_turn, by_move, move_by_move, move_by_turn = alphas

@@ -1,4 +1,5 @@
-"""A robot that turns, then moves; and its sonar, which hears how far the nearest beacons are but not which they are.
+"""A robot that turns, then moves; and its sonar, which measures the distances of the nearest beacons but not their
+identity.
 
 State: x [m], y [m], heading [rad].
 """
@@ -14,7 +15,7 @@ HEARD = READING.size
 
 
 def turn_and_move(pose: Array, control: Array, noise: Array, dt: float) -> Components:
-    """Turn on the spot, then go straight. Seed document 000, problem IV.
+    """Turn on the spot, then drive straight. Seed document 000, problem IV.
 
     control: ds [m], dth [rad], over the whole step. noise: added to ds and dth.
     """
@@ -22,7 +23,7 @@ def turn_and_move(pose: Array, control: Array, noise: Array, dt: float) -> Compo
     ds, dth = control
     noise_ds, noise_dth = noise
     ahead, way = heading + dth + noise_dth, ds + noise_ds
-    # Cosine and sine by the tangent of half the angle: NumPy's is vectorised where theirs are not.
+    # Cosine and sine by the tangent of half the angle: NumPy's tangent is vectorised, its cosine and sine are not.
     half = np.tan(0.5 * ahead)
     stretch = (way + way) / (1.0 + half * half)
     return x + (stretch - way), y + stretch * half, ahead
@@ -49,8 +50,8 @@ def nearest_ranges(pose: Array, beacons: Array) -> Components:
         dy *= dy
         return dx + dy
 
-    # The smallest so far are kept in order, and each beacon more is let in at its place: over a batch this beats a sort
-    # along an axis. The root keeps the order, so it is drawn of those alone that are left.
+    # Keeps the smallest distances in order and inserts each further beacon: over a batch this beats a sort along an
+    # axis. The root preserves the order, so it is taken only of those that remain.
     first, second, third = square(0), square(1), square(2)
     first, second = np.minimum(first, second), np.maximum(first, second)
     second, third = np.minimum(second, third), np.maximum(second, third)
@@ -64,7 +65,7 @@ def nearest_ranges(pose: Array, beacons: Array) -> Components:
 
 
 def nearest_ranges_jacobian(pose: Array, beacons: Array) -> Rows:
-    """Rows of the derivative of :func:`nearest_ranges` in the pose, with the order of the beacons as it is there."""
+    """Rows of the derivative of :func:`nearest_ranges` in the pose, with the order of the beacons at that pose."""
     x, y, _ = pose
     away = np.stack([np.stack([x - mark_x, y - mark_y]) for mark_x, mark_y in beacons.T], axis=1)
     ranges = np.sqrt((away**2).sum(axis=0))

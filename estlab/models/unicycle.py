@@ -7,9 +7,9 @@ from estlab.maths.stacking import Components, Rows
 
 SPACE = Space(("x", "y", "heading"), ("m", "m", "rad"), angles=(2,), position=(0, 1))
 
-# Below this angle [rad] the slope of the chord is computed by its series: the exact difference loses digits.
+# Below this angle [rad] the derivative of the chord uses its series: the exact difference loses digits.
 _SMALL = 1e-2
-_LEAST = 1e-300  # what an angle of zero counts as, in a quotient
+_LEAST = 1e-300  # replaces an angle of zero in a quotient
 
 
 def arc(pose: Array, control: Array, noise: Array, dt: float) -> Components:
@@ -34,7 +34,7 @@ def arc_jacobians(pose: Array, control: Array, dt: float) -> tuple[Rows, Rows]:
     cos, sin = cos_sin(heading + half_turn)
     shape = _sinc(half_turn)
     ahead, aside = way * shape * cos, way * shape * sin
-    # What w does to the chord, and then to the heading at its middle.
+    # The effect of w on the chord, and then on the heading at its middle.
     bend, half = way * (0.5 * dt) * _sinc_derivative(half_turn, shape), 0.5 * dt
     in_pose = ((1.0, 0.0, -aside), (0.0, 1.0, ahead), (0.0, 0.0, 1.0))
     in_noise = (

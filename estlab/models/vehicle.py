@@ -16,12 +16,12 @@ READING = Space(("bearing_min", "bearing_max", "range_min"), ("rad", "rad", "m")
 
 
 def drive(state: Array, control: Array, noise: Array, dt: float) -> Components:
-    """Constant speed and heading but for rates held over dt: x' = s cos(heading) + vx, s' = vs, heading' = vh, ...
+    """Constant speed and heading except for rates held over dt: x' = s cos(heading) + vx, s' = vs, heading' = vh, ...
 
     noise: the six rates, of x, y [m/s], speed [m/s^2], heading [rad/s], length, width [m/s]. control: none.
-    Speed and heading are linear in time, so the integral over dt by Simpson's rule is what a
-    fourth-order Runge-Kutta step gives. Sines and cosines dear as they are, it is taken along and across the heading at
-    the beginning, from which the car turns by half the turn and then by all of it.
+    Speed and heading are linear in time, so the integral over dt by Simpson's rule equals a fourth-order Runge-Kutta
+    step. Sines and cosines are expensive, so the integral is taken along and across the initial heading, from which
+    the car turns by half the turn and then by all of it.
     """
     x, y, speed, heading, length, width = state
     rate_x, rate_y, acceleration, turn_rate, rate_length, rate_width = noise
@@ -68,17 +68,17 @@ def drive_jacobians(state: Array, control: Array, dt: float) -> tuple[Rows, Rows
 def extent(state: Array, landmark: Array) -> Components:
     """From the origin: smallest and largest bearing [rad] of the corners, smallest range [m] to the edges.
 
-    Bearings are taken about the rectangle's middle, so a car that stands across the cut at pi is still narrow.
-    A sigma point may have a negative length or width: it is the rectangle that the corners say it is.
+    Bearings are taken about the rectangle's middle, so a car across the cut at pi is still narrow. A sigma point may
+    have a negative length or width: its corners still define the rectangle.
     """
     x, y, _, heading, length, width = state
     cos, sin = cos_sin(heading)
     ahead, aside = 0.5 * length, 0.5 * width
     middle_x, middle_y = x + ahead * cos, y + ahead * sin
-    # The middle from the origin, in the car's own frame: along its heading, and to the right of it.
+    # The middle as seen from the origin, in the car's own frame: along its heading, and to the right of it.
     along, across = middle_x * cos + middle_y * sin, middle_x * sin - middle_y * cos
-    # The angle from the middle m to a corner m + e is that of cross product m x e and dot product m (m + e): no
-    # wrapping needed. Corners lie opposite each other, front left to rear right and front right to rear left.
+    # The angle from the middle m to a corner m + e has cross product m x e and dot product m (m + e): no wrapping
+    # needed. Corners lie opposite each other, front left to rear right and front right to rear left.
     square = along * along + across * across
     cross_left, dot_left = ahead * across + aside * along, ahead * along - aside * across
     cross_right, dot_right = ahead * across - aside * along, ahead * along + aside * across
@@ -101,7 +101,7 @@ def corners(state: Array) -> Array:
 
 
 def _distance(beyond: Array, beside: Array) -> Array:
-    """How far the edges are from a point so far beyond them along the heading and across it, inside where both < 0."""
+    """Distance of the edges from a point so far beyond them along and across the heading; inside where both < 0."""
     out_beyond, out_beside = np.maximum(beyond, 0.0), np.maximum(beside, 0.0)
     outside = np.sqrt(out_beyond * out_beyond + out_beside * out_beside)
     return outside - np.minimum(np.maximum(beyond, beside), 0.0)

@@ -1,19 +1,20 @@
-"""How many cores a job may use; what keeps each of its processes to its own: threads of linear algebra, memory."""
+"""How many cores a job may use, and how its processes stay within them: threads of linear algebra, memory."""
 
 import contextlib
 import math
 import os
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from estlab.errors import UserError
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_THREADS_OF_OPENBLAS = "scipy_openblas_{}_num_threads64_", "openblas_{}_num_threads64_", "openblas_{}_num_threads"
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # malloc.h
 _MOST_MAPPED = 32 * 2**20  # the most that glibc takes
-# MB that are mapped, as measured: 299 for a run, 419 for a sweep, whose pictures take pandas, and 463; and some room.
+# MB of address space as measured: 299 for a run, 419 for a sweep, whose pictures need pandas, and 463; plus a margin
 _COMPILED = "engine=compiled"
 _ADDRESSES = {"estlab": 320, "estlab sweep": 440, _COMPILED: 500}
 _QUOTA = Path("/sys/fs/cgroup/cpu.max"), Path("/sys/fs/cgroup/cpu/cpu.cfs_quota_us")
@@ -21,9 +22,9 @@ _PERIOD = Path("/sys/fs/cgroup/cpu/cpu.cfs_period_us")
 
 
 def processes(cores: int | None, tasks: int) -> int:
-    """How many processes share so many tasks of a job, this one included; cores: as many, None for those there are.
+    """How many processes share so many tasks of a job, this one included. cores: the number asked for, None for all.
 
-    One where none can be started, or where this process is itself one of a pool that has the cores already.
+    One if no process can be started, or if this process belongs to a pool that already uses the cores.
     """
     import multiprocessing
 
@@ -34,38 +35,71 @@ def processes(cores: int | None, tasks: int) -> int:
 
 
 def usable() -> int:
-    """The processors that this process may use: those it may run on, and no more than its container's share of time."""
+    """The processors that this process may use: its affinity, limited by its container's share of time."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, min(count, _quota() or count))
 
 
 def one_thread_each() -> None:
-    """Keep linear algebra to one thread, before NumPy is imported, unless the user says how many it has.
+    """Limit linear algebra to one thread, before NumPy is imported, unless the user sets the number of threads.
 
-    Its matrices here are small. A process of one thread can be forked, and shares no core with its like.
+    The matrices here are small. A process with one thread can be forked, and does not compete with its siblings for a
+    core.
     """
-    if "numpy" not in sys.modules and not any(name in os.environ for name in _THREADS):
+    if "numpy" not in sys.modules and not _user_says():
         os.environ.update(dict.fromkeys(_THREADS, "1"))
 
 
-def enough_memory(what: str) -> None:
-    """Raise UserError where this process is held to less memory than ``what`` takes to be imported.
+@contextlib.contextmanager
+def one_thread_meanwhile() -> Iterator[None]:
+    """The same for the body alone, once NumPy is imported: of its OpenBLAS; any other library is left as it is."""
+    count, set_count = (int, id) if _user_says() else _openblas()
+    before = count()
+    set_count(1)
+    try:
+        yield
+    finally:
+        set_count(before)
 
-    The libraries that meet such a limit in the middle of their import spin, crash or abort.
+
+def _user_says() -> bool:
+    """Whether the user says how many threads linear algebra has."""
+    return any(name in os.environ for name in _THREADS)
+
+
+def _openblas() -> tuple[Callable[[], int], Callable[[int], object]]:
+    """What gives and what sets the number of its threads; for another library nothing does."""
+    import ctypes
+
+    from numpy.linalg import _umath_linalg
+
+    library = ctypes.CDLL(_umath_linalg.__file__)  # it finds the names of what it is linked with, too
+    for name in _THREADS_OF_OPENBLAS:
+        with contextlib.suppress(AttributeError):
+            return getattr(library, name.format("get")), getattr(library, name.format("set"))
+    return int, lambda count: None
+
+
+def enough_memory(what: str) -> None:
+    """Raise UserError if this process may use less memory than ``what`` needs to be imported.
+
+    The libraries that hit such a limit during their import hang, crash or abort.
     """
     needed = _ADDRESSES.get(what, _ADDRESSES["estlab"])
     most, _ = resource.getrlimit(resource.RLIMIT_AS)
     if most != resource.RLIM_INFINITY and most < needed * 2**20:
         raise UserError(
-            f"out of memory: {what} takes {needed} MB of addresses and this process may have {most // 2**20}; "
-            f"{'take engine=numpy, or ' if what == _COMPILED else ''}raise its limit, for example ulimit -v unlimited"
+            f"out of memory: {what} needs {needed} MB of address space and this process may use "
+            f"{most // 2**20}; {'set engine=numpy, or ' if what == _COMPILED else ''}raise its limit, for "
+            "example ulimit -v unlimited"
         )
 
 
 def keep_memory() -> None:
-    """Keep what arrays give back, instead of handing each large one to the system and asking it for fresh pages.
+    """Keep the memory that arrays return, instead of giving each large one back to the system and asking for fresh
+    pages.
 
-    The system's allocator is told, where it is glibc's; that of the pages cost a tenth of a block's time.
+    Configures glibc's allocator, if it is used; fresh pages cost a tenth of a block's time.
     """
     _tell_allocator(2**30)
 
@@ -94,11 +128,11 @@ def _tell_allocator(kept: int) -> None:
 
 
 def _quota() -> int | None:
-    """Processors' worth of time that the container gives, by its control group; None for no limit."""
+    """The processor time that the container grants, in processors, from its control group; None for no limit."""
     for file in _QUOTA:
         with contextlib.suppress(OSError, ValueError, ZeroDivisionError):
             words = file.read_text().split()
             period = words[1] if len(words) > 1 else _PERIOD.read_text()
-            share = float(words[0]) / float(period)  # of no limit, version 1 says -1, version 2 a word
+            share = float(words[0]) / float(period)  # without a limit, version 1 has -1 and version 2 a word
             return math.ceil(share) if share > 0.0 else None
     return None

@@ -1,4 +1,4 @@
-"""Pieces of one job in several processes: this one and workers, which it starts, feeds, hears and ends."""
+"""Tasks of one job in several processes: this process and workers, which it starts, feeds, listens to and ends."""
 
 import logging
 import multiprocessing
@@ -25,21 +25,22 @@ R = TypeVar("R")
 OnStep = Callable[[], None]
 Work = Callable[[int, OnStep], R]
 
-_EVERY = 0.05  # seconds between looks at what workers sent
-_AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for this process
-# Seconds of work left from which it pays to start workers that import everything, a quarter of a second each.
+_EVERY = 0.05  # seconds between checks for messages from workers
+_AHEAD = 2  # tasks that a worker holds at a time, so that it need not wait for this process
+# Seconds of remaining work from which it pays to start workers that import everything, a quarter of a second each.
 _WORTH = 1.0
 
 
 class Workers(Generic[R]):
-    """Processes that share the tasks of a job with this one, each taking the next when it is done with one.
+    """Processes that share the tasks of a job with this one. Each takes the next task when it finishes one.
 
-    work: what is done to a task, given its number and what to call after each step; results are pickled. tasks: their
-    numbers; the first is this process's own. wanted: how many processes, this one included; None for as many as there
-    are cores and tasks, where they pay.
+    work: does a task, given its number and a callback for each step; results are pickled. tasks: their numbers; this
+    process does the first. wanted: how many processes, this one included; None for as many as there are cores and
+    tasks, if they pay.
 
-    A process of one thread is forked, which takes 5 ms: its workers begin at once. Else, and on other systems than
-    Linux, workers import everything, and unless they are wanted begin when the first task has shown that they pay.
+    A process with one thread is forked, which takes 5 ms: its workers start at once. Otherwise, and on systems other
+    than Linux, workers import everything. Unless they are wanted, they start only when the first task has shown that
+    they pay.
     """
 
     def __init__(self, work: Work[R], tasks: Sequence[int], wanted: int | None) -> None:
@@ -64,11 +65,11 @@ class Workers(Generic[R]):
         self._end(at_once=error is not None)
 
     def results(self, here: Work[R], steps: Callable[[int], None]) -> Iterator[tuple[int, R]]:
-        """The number and result of each task, as they come.
+        """The number and result of each task, as they arrive.
 
-        here: the work as this process does it. steps: called with how many were done, here or elsewhere.
+        here: the work as this process does it. steps: called with the number of steps done, here or elsewhere.
 
-        Raises what the work raises, in whatever process, and WorkerLostError for a worker that ended.
+        Raises what the work raises, in any process, and WorkerLostError for a worker that died.
         """
         self._steps = steps
         for number in self.tasks[:1]:
@@ -78,7 +79,7 @@ class Workers(Generic[R]):
                 self._start()
             yield number, result
         while self._left or self._given.total() or self._finished:
-            # While a task is done here, workers may have finished any number of theirs.
+            # While a task ran here, workers may have finished any number of theirs.
             if self._finished:
                 yield self._finished.pop(0)
             elif self._left:
@@ -94,7 +95,7 @@ class Workers(Generic[R]):
             self._hear(0.0)
 
     def _start(self) -> None:
-        """Start the workers and give each of them tasks, the first of each before the second of any."""
+        """Start the workers and give them tasks: one to each before a second to any."""
         if self._most == 1:
             return
         context: Any = multiprocessing.get_context("fork" if self._forks else "spawn")
@@ -126,7 +127,7 @@ class Workers(Generic[R]):
                 raise self._lost(end) from error
 
     def _hear(self, timeout: float | None) -> None:
-        """Receive what workers send, waiting at most so long for the first message."""
+        """Receive messages from workers, waiting at most so long for the first one."""
         self._heard = time.monotonic()
         for end in wait(list(self._processes), timeout):
             assert isinstance(end, Connection)
@@ -158,11 +159,11 @@ class Workers(Generic[R]):
         if code is not None and code < 0:
             how = signal.Signals(-code).name
         if code == -signal.SIGKILL:
-            how += ", as the system ends it when memory runs out"
-        return WorkerLostError(f"a worker process ended by {how}; take cores=1 or a smaller block_runs")
+            how += ", as the system does when memory runs out"
+        return WorkerLostError(f"a worker process ended by {how}; set cores=1 or a smaller block_runs")
 
     def _end(self, at_once: bool) -> None:
-        """Let the workers end, or make them."""
+        """End the workers, by force if necessary."""
         for end, process in self._processes.items():
             if at_once:
                 process.kill()
@@ -176,7 +177,7 @@ class Workers(Generic[R]):
 
 
 def can_fork() -> bool:
-    """Whether this process has one thread alone, so that none holds a lock that nobody in the child would let go."""
+    """Whether this process has only one thread, so that no lock is held that nobody in the child would release."""
     return sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
 
 
@@ -196,7 +197,7 @@ def _script_left_out() -> Iterator[None]:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Interruptions wait: a worker that is born here knows nothing of them yet."""
+    """Defer interruptions: a worker that is just starting does not handle them yet."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield

@@ -1,4 +1,4 @@
-"""What asks a process to end: Ctrl-C, SIGTERM, and SIGHUP of a terminal that closes."""
+"""Signals that ask a process to end: Ctrl-C, SIGTERM, and SIGHUP of a terminal that closes."""
 
 import signal
 import threading
@@ -8,7 +8,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def interruptible() -> None:
-    """Treat SIGTERM and SIGHUP like Ctrl-C, so that a run says how it ended; SIGHUP not where nohup has it ignored."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C, so that a run records how it ended; not SIGHUP if nohup ignores it."""
     if threading.current_thread() is not threading.main_thread():
         return
     signal.signal(signal.SIGTERM, _interrupt)
@@ -17,7 +17,7 @@ def interruptible() -> None:
 
 
 def left_to_parent() -> None:
-    """For a worker, whose parent decides what an interruption of all of a terminal's processes means."""
+    """For a worker: its parent decides what an interruption of all processes of a terminal means."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

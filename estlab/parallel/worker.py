@@ -1,4 +1,4 @@
-"""What a worker process does: tasks of a job, as they are given to it, until none is left."""
+"""A worker process: does the tasks that it receives until there are none left."""
 
 import logging
 import logging.handlers
@@ -19,21 +19,22 @@ from estlab.parallel.signals import left_to_parent
 
 STEPS, DONE, FAILED, WARNING, LOG = "steps", "done", "failed", "warning", "log"
 
-_EVERY = 0.05  # seconds between messages on how far it is
+_EVERY = 0.05  # seconds between progress messages
 
 
 def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> None:
-    """Do the tasks whose numbers come and send what became of them. It ends when its parent does, however that ends."""
+    """Do the tasks whose numbers arrive and send their results. Ends when its parent does, however that ends."""
     left_to_parent()
     cores.keep_memory()
     threading.Thread(target=end_with_parent, daemon=True).start()
     messages = _Messages(end)
     messages.take_over_logging()
-    while (number := _next(end)) is not None:
-        try:
-            messages.send(DONE, (number, work(number, messages.on_step)))
-        except (Exception, SystemExit) as error:
-            messages.send(FAILED, _portable(error))
+    with cores.one_thread_meanwhile():
+        while (number := _next(end)) is not None:
+            try:
+                messages.send(DONE, (number, work(number, messages.on_step)))
+            except (Exception, SystemExit) as error:
+                messages.send(FAILED, _portable(error))
 
 
 def _next(end: Connection) -> int | None:
@@ -44,13 +45,13 @@ def _next(end: Connection) -> int | None:
 
 
 class _Messages:
-    """What a worker sends to its parent."""
+    """Messages from a worker to its parent."""
 
     def __init__(self, end: Connection) -> None:
         self._end, self._count, self._last = end, 0, time.monotonic()
 
     def send(self, kind: str, content: Any) -> None:
-        """Send it, the steps done before it first. A worker without a parent ends."""
+        """Send a message, preceded by the number of steps done so far. A worker without a parent ends."""
         if kind != STEPS:
             self._send_steps()
         message = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)
@@ -71,7 +72,7 @@ class _Messages:
             self.send(STEPS, count)
 
     def take_over_logging(self) -> None:
-        """Warnings and what is logged go to the parent, which knows what to do with them."""
+        """Send warnings and log records to the parent, which knows what to do with them."""
 
         def show(
             message: Any, category: Any, filename: str, lineno: int, file: object = None, line: object = None
@@ -86,7 +87,7 @@ class _Messages:
 
 
 class _Handler(logging.handlers.QueueHandler):
-    """Hands records on, their messages formatted so that they can be pickled."""
+    """Passes records on, with messages formatted so that they can be pickled."""
 
     def __init__(self, messages: _Messages) -> None:
         super().__init__(messages)  # type: ignore[arg-type]
@@ -97,7 +98,7 @@ class _Handler(logging.handlers.QueueHandler):
 
 
 def _portable(error: BaseException) -> bytes:
-    """The error, with its traceback as a note, or its message where it cannot be pickled."""
+    """The error, with its traceback as a note, or only its message if it cannot be pickled."""
     error.add_note(f"in a worker process:\n{''.join(traceback.format_exception(error))}")
     error.frames_in_worker = frames(error)  # type: ignore[attr-defined]
     try:

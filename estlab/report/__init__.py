@@ -1,1 +1,1 @@
-"""Tables, plots and terminal output, drawn from a run directory alone."""
+"""Tables, plots and terminal output, drawn only from a run directory."""

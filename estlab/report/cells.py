@@ -1,4 +1,4 @@
-"""Cells of the page's tables: figures with the digits that their intervals leave sense in, sorted by all digits."""
+"""Cells of the page's tables: figures with the digits that their intervals justify, sorted at full precision."""
 
 from collections.abc import Mapping
 
@@ -34,8 +34,8 @@ def interval_cell(row: CsvRow | None, value: str = "value", low: str = "ci_low",
     if row is None:
         return Cell("")
     found = estimate(row, value, low, high)
-    shown = interval(found, as_number(row.get("expected")))
-    return Cell(shown, found.low) if found.low == found.low and found.high == found.high else Cell("")
+    text = interval(found, as_number(row.get("expected")))
+    return Cell(text, found.low) if found.low == found.low and found.high == found.high else Cell("")
 
 
 def share_cell(row: CsvRow | None, value: str = "value") -> Cell:

@@ -1,4 +1,4 @@
-"""A particle filter's cloud at six moments of its best and worst run; the runs over one recording beside each other."""
+"""A particle filter's cloud at six moments of its best and worst run; the runs over one recording side by side."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -10,13 +10,13 @@ from estlab.report.figures import (
     WIDTH,
     cornered,
     drawable,
+    escaped,
     headed,
     labelled,
     legend_below,
     line,
     named,
     new_figure,
-    said,
     short,
 )
 from estlab.report.palette import TRUTH, colours
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FILTERS = 4  # of which repeats are shown
+_FILTERS = 4  # repeats that are shown
 
 Draw = Callable[["Axes", str, int], None]
 
 
 def clouds_of(arrays: dict[str, Array], filters: Sequence[str]) -> list[str]:
-    """The filters of which there is a cloud."""
+    """The filters that have a cloud."""
     return [name for name in filters if _key(name, filters, "cloud.points") in arrays]
 
 
 def draw_clouds(
     arrays: dict[str, Array], name: str, filters: Sequence[str], space: Space, title: str, draw: Draw
 ) -> "Figure":
-    """The cloud in the plane at six moments, of the best and the worst of the kept runs by RMSE of the position.
+    """The cloud in the plane at six moments, for the best and the worst of the kept runs by RMSE of the position.
 
-    The area of a particle is its share of the weight. Why a cluster in a wrong place persists is seen here: no reading
-    tells it from the right one.
+    A particle's area is its share of the weight. The picture shows why a cluster in a wrong place persists: no
+    reading distinguishes it from the right one.
     """
     from matplotlib.figure import Figure
 
@@ -57,7 +57,7 @@ def draw_clouds(
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
     for part, (place, what) in zip(parts, rows.items(), strict=True):
         known = f", RMSE {error[place]:.3g} {space.units[at[0]]}" if np.isfinite(error[place]) else ""
-        part.suptitle(said(f"run {arrays['run'][place]}, {what} of {error.size} kept{known}"), fontsize="medium")
+        part.suptitle(escaped(f"run {arrays['run'][place]}, {what} of {error.size} kept{known}"), fontsize="medium")
         panels = part.subplots(2, across, sharex=True, sharey=True, squeeze=False).ravel()
         truth = drawable(arrays["truth"][at, :, place])
         mean = drawable(path_of(arrays, name, filters, "mean")[at, :, place])
@@ -78,7 +78,7 @@ def draw_clouds(
             axes.set_xlabel(labelled(space.names[at[0]], space.units[at[0]], 20))
         _frame(panels[0], [*around, truth], mean[:, steps], points[at][..., place].reshape(2, -1))
         for k, axes in enumerate(panels[: len(steps)]):
-            cornered(axes, "" if _is_seen(axes, mean[:, steps[k]]) else "the estimate is beyond the panel")
+            cornered(axes, "" if _is_seen(axes, mean[:, steps[k]]) else "the estimate is outside the panel")
     legend_below(figure, figure.subfigs[0].axes[0])
     return figure
 
@@ -96,7 +96,7 @@ def _is_seen(axes: "Axes", place: Array) -> bool:
 
 
 def _frame(axes: "Axes", around: Sequence[Array], estimates: Array, cloud: Array) -> None:
-    """Limits of what is drawn of the problem, of the truth and of estimates near these; else of most of the cloud."""
+    """Limits around the problem's own drawing, the truth and nearby estimates; otherwise around most of the cloud."""
     places = np.concatenate(around, axis=1)
     places = places[:, np.isfinite(places).all(axis=0)]
     if places.shape[1] < 2 or np.ptp(places, axis=1).max() <= 0.0:
@@ -111,7 +111,7 @@ def _frame(axes: "Axes", around: Sequence[Array], estimates: Array, cloud: Array
 
 
 def _best_and_worst(error: Array) -> dict[int, str]:
-    """The places of the best and the worst run, and what each is; one alone, or the first where no error is known."""
+    """The places of the best and the worst run, with their labels; one alone, or the first if no error is known."""
     known = np.flatnonzero(np.isfinite(error))
     if known.size < 2:
         return {int(known[0]) if known.size else 0: "the one" if error.size == 1 else "the first"}
@@ -120,16 +120,16 @@ def _best_and_worst(error: Array) -> dict[int, str]:
 
 
 def draw_repeats(arrays: dict[str, Array], filters: Sequence[str], space: Space, title: str) -> "Figure":
-    """Every kept run over one recording: paths, or the first component, and how far each is from the truth.
+    """Every kept run over one recording: paths, or the first component, and the distance of each from the truth.
 
-    Where the truth is not known, how far from the mean of the runs. A row a filter.
+    If the truth is unknown, the distance from the mean of the runs. One row per filter.
     """
-    shown = list(filters[:_FILTERS])
+    drawn = list(filters[:_FILTERS])
     count = arrays["run"].size
-    figure, panels = new_figure(len(shown), f"{title} · {count} runs over one recording", 3.4, columns=2, shared=False)
+    figure, panels = new_figure(len(drawn), f"{title} · {count} runs over one recording", 3.4, columns=2, shared=False)
     at = list(space.position[:2]) or [0]
     truth = drawable(arrays["truth"][..., :1])
-    for row, name in enumerate(shown):
+    for row, name in enumerate(drawn):
         colour = colours(filters)[name]
         left, right = panels[2 * row : 2 * row + 2]
         mean = drawable(path_of(arrays, name, filters, "mean"))
@@ -162,7 +162,7 @@ def _draw_paths(axes: "Axes", time: Array, truth: Array, mean: Array, colour: st
 
 
 def _distances(mean: Array, truth: Array, at: list[int], space: Space) -> tuple[Array, str]:
-    """How far (T, runs) each run is from the truth in some components, or from the runs' mean; and which of both."""
+    """Each run's distance (T, runs) from the truth in some components, or from the runs' mean; and from which."""
     known = np.isfinite(truth[at]).all(axis=0).any()
     about = truth if known else np.where(np.isfinite(mean), mean, 0.0).mean(axis=-1, keepdims=True)
     off = space.minus(mean, np.broadcast_to(about, mean.shape))[at]
@@ -170,7 +170,7 @@ def _distances(mean: Array, truth: Array, at: list[int], space: Space) -> tuple[
 
 
 def _position_rmse(arrays: dict[str, Array], name: str, filters: Sequence[str], space: Space) -> Array:
-    """(runs,) of what is known; infinite for a run that is not finite somewhere, NaN without truth."""
+    """(runs,) over known values; infinite for a run that is not finite somewhere, NaN without truth."""
     at = list(space.position)
     mean, truth = path_of(arrays, name, filters, "mean")[at], arrays["truth"][at]
     known = np.isfinite(truth).all(axis=0)

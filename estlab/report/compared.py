@@ -1,4 +1,4 @@
-"""What a comparison of runs shows: the metrics of each row, and the differences to one of them."""
+"""The tables of a comparison of runs: the metrics of each row, and the differences from one of them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
@@ -32,8 +32,8 @@ def metrics_grid(rows: Sequence[ComparisonRow], metrics: Sequence[Metric]) -> Gr
         [str(number), row.label, *(_cell(row, metric, len(units[metric]) > 1) for metric in metrics)]
         for number, row in enumerate(rows, 1)
     ]
-    shown = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
-    return Grid(_title(rows), [headings[i] for i in shown], [[line[i] for i in shown] for line in lines], 2)
+    filled = [i for i in range(len(headings)) if i < 2 or any(line[i] for line in lines)]
+    return Grid(_title(rows), [headings[i] for i in filled], [[line[i] for i in filled] for line in lines], 2)
 
 
 def differences_grid(
@@ -53,7 +53,7 @@ def differences_grid(
                 wins = f"{share(one.wins)} of {one.found.n}" if one.found.n else ""
                 cells = (figure(one.found, 0.0), interval(one.found, 0.0), p_value(one.p_holm), wins)
                 lines.append([str(number), row.label, with_unit(component, unit), *cells])
-    title = f"RMSE less that of row {against}, {rows[against - 1].label}, on the same truth and readings"
+    title = f"RMSE minus that of row {against}, {rows[against - 1].label}, on the same truth and readings"
     headings = ["", "", "component", "difference", HOLM_INTERVAL, HOLM_P, "better in, of runs"]
     return Grid(title, headings, lines, 3) if lines else None
 

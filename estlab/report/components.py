@@ -7,14 +7,14 @@ import numpy as np
 
 from estlab.maths.space import Array, Space
 from estlab.metrics.vocabulary import heading
-from estlab.report.figures import labelled, legend_below, logarithmic, new_figure, said, short
+from estlab.report.figures import escaped, labelled, legend_below, logarithmic, new_figure, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST = 8  # panels, or lines of a table, that a person reads
-_NAMED = 40  # components whose names have room on an axis
-_WIDE = 30.0  # times from which an axis is logarithmic
+_NAMED = 40  # panels, or lines of a table, that are readable
+_WIDE = 30.0  # components whose names fit on an axis
 
 Columns = Mapping[str, Array]
 
@@ -31,10 +31,10 @@ def chosen(worst: Array, position: Sequence[int] = ()) -> list[int]:
     return sorted([*first, *others[: MOST - len(first)]])
 
 
-def selection(shown: Sequence[int], size: int, what: str = "RMSE over mean sigma") -> str:
+def selection(some: Sequence[int], size: int, what: str = "RMSE over mean sigma") -> str:
     """What is to be said where only some of so many components are shown; empty where all are."""
-    some = f"{len(shown)} of {size} components are shown, those with the largest {what} among them"
-    return some if len(shown) < size else ""
+    note = f"{len(some)} of {size} components are shown, those with the largest {what} among them"
+    return note if len(some) < size else ""
 
 
 def ratios(errors: Mapping[str, Columns], size: int) -> Array:
@@ -78,7 +78,9 @@ def draw_components(errors: Mapping[str, Columns], space: Space, title: str, col
             names = [short(space.names[i], 14) for i in mine]
             axes.set_xticks(at, names, rotation=90 if len(mine) > MOST else 0, fontsize="small")
         else:
-            axes.set_xlabel(f"component, by its place among those in {said(unit)}" if len(units) > 1 else "component")
+            axes.set_xlabel(
+                f"component, by its index among those in {escaped(unit)}" if len(units) > 1 else "component"
+            )
         axes.set_ylabel(labelled(heading("rmse"), unit))
     legend_below(figure, panels[0])
     return figure

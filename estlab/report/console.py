@@ -1,4 +1,4 @@
-"""Standard output and a progress bar; plain lines where there is no terminal."""
+"""Standard output and a progress bar; plain lines without a terminal."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +36,7 @@ def print_line(line: str, style: str = "") -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int], Callable[[int], None]]]:
-    """A bar, shown only on a terminal and only if it lasts: told of all steps, it gives what counts those done."""
+    """Print a line on standard output, of any length."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     screen = Console(stderr=True)
@@ -48,14 +48,14 @@ def progress(what: str) -> Iterator[Callable[[int], Callable[[int], None]]]:
 
         def begin(total: int) -> Callable[[int], None]:
             task = bar.add_task(what, total=total)
-            done, shown = 0, time.monotonic()
+            done, updated = 0, time.monotonic()
 
             def count(steps: int) -> None:
-                nonlocal done, shown
+                nonlocal done, updated
                 done += steps
-                if time.monotonic() - shown > _EVERY:
+                if time.monotonic() - updated > _EVERY:
                     bar.update(task, completed=done)
-                    shown = time.monotonic()
+                    updated = time.monotonic()
 
             return count
 

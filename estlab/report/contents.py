@@ -1,4 +1,4 @@
-"""What a directory holds, read as data: bounded, through no link, and nothing in it is imported or run."""
+"""The content of a directory, read as data: bounded, without following links, importing or running anything."""
 
 import contextlib
 import csv
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from estlab.rundir import files
 
-_BYTES = 4 * 2**20  # of a text file that are read
+_BYTES = 4 * 2**20  # bytes of a text file to read
 _PLOT_BYTES = 8 * 2**20
 _ROWS = 5000
 _PLOTS = 60
@@ -19,11 +19,11 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 class UnusableError(Exception):
-    """A file that is missing or no good, in a sentence for the page."""
+    """A file that is missing or invalid, in a sentence for the page."""
 
 
 class Table(NamedTuple):
-    """Rows of a CSV file as text, and a remark where some are left out."""
+    """Rows of a CSV file as text, and a remark if some are left out."""
 
     rows: list[dict[str, str]]
     remark: str = ""
@@ -43,9 +43,9 @@ class Contents:
         self.path = path
 
     def content(self, name: str, most: int, last: bool = False) -> tuple[bytes, bool]:
-        """The first (or last) bytes of a file, and whether that is less than all.
+        """The first (or last) bytes of a file, and whether some are left out.
 
-        Raises UnusableError for a file that is missing, cannot be read, is a link or no regular file.
+        Raises UnusableError for a file that is missing, cannot be read, is a link or is not a regular file.
         """
         try:
             with files.opened(self.path, name) as stream:
@@ -62,7 +62,7 @@ class Contents:
             raise UnusableError(f"{name} cannot be read ({error.strerror}).") from error
 
     def text(self, name: str, most: int = _BYTES, last: bool = False) -> tuple[str, str]:
-        """A file's text and a remark where it is cut.
+        """A file's text, and a remark if it is cut.
 
         Raises UnusableError like :meth:`content`.
         """
@@ -73,7 +73,7 @@ class Contents:
     def table(self, name: str) -> Table:
         """A CSV file.
 
-        Raises UnusableError for one that is missing or is no table.
+        Raises UnusableError if it is missing or is not a table.
         """
         text, cut = self.text(name)
         whole = text.rpartition("\n")[0] if cut else text
@@ -93,9 +93,9 @@ class Contents:
         return Table(rows, f"Only the first {len(rows)} rows of {name} are shown." if cut else "")
 
     def record(self, name: str) -> dict[str, Any]:
-        """A JSON file that holds an object.
+        """A JSON file that contains an object.
 
-        Raises UnusableError for one that is missing or holds none.
+        Raises UnusableError if it is missing or contains none.
         """
         text, _ = self.text(name)
         try:
@@ -103,7 +103,7 @@ class Contents:
         except (ValueError, RecursionError) as error:
             raise UnusableError(f"{name} cannot be read as JSON.") from error
         if not isinstance(found, dict):
-            raise UnusableError(f"{name} holds no object.")
+            raise UnusableError(f"{name} contains no object.")
         return found
 
     def plots(self, folder: str) -> tuple[dict[str, bytes], list[str]]:
@@ -122,7 +122,7 @@ class Contents:
                 remarks.append(str(error))
                 continue
             if cut or not content.startswith(_PNG):
-                remarks.append(f"{folder}/{name} is {'too large' if cut else 'no PNG picture'} and is left out.")
+                remarks.append(f"{folder}/{name} is {'too large' if cut else 'not a PNG picture'} and is left out.")
             else:
                 found[name] = content
         if len(names) > _PLOTS:
@@ -130,7 +130,7 @@ class Contents:
         return found, remarks
 
     def files(self, *folders: str) -> list[File]:
-        """The regular files of the directory and of these folders in it, by name; hidden ones and links left out."""
+        """The regular files of the directory and of these folders in it, by name, without hidden files and links."""
         found = []
         for folder in ("", *folders):
             with contextlib.suppress(OSError), files.folder(self.path, folder) as handle, os.scandir(handle) as entries:
@@ -141,17 +141,17 @@ class Contents:
         return sorted(found)[:_FILES]
 
     def has(self, name: str) -> bool:
-        """Whether there is something of this name, if only a link to nowhere."""
+        """Whether there is anything of this name, even a link to nowhere."""
         return files.has(self.path, name)
 
     def is_folder(self, name: str) -> bool:
-        """Whether a name is that of a folder in the directory itself, and no link."""
+        """Whether a name is that of a folder in the directory itself, not a link."""
         path = self.path / name
         return Path(name).name == name and name not in ("", ".", "..") and path.is_dir() and not path.is_symlink()
 
 
 def size(count: int) -> str:
-    """Bytes in words."""
+    """A number of bytes in words."""
     for unit, scale in (("MB", 2**20), ("kB", 2**10)):
         if count >= scale:
             return f"{count / scale:.3g} {unit}"
@@ -159,7 +159,7 @@ def size(count: int) -> str:
 
 
 def as_number(text: str | None) -> float:
-    """A cell's number; NaN if it holds none."""
+    """A cell's number; NaN if it contains none."""
     try:
         return float(text or "nan")
     except ValueError:

@@ -1,4 +1,4 @@
-"""The one writer of CSV: tables by column or by row, numbers in full."""
+"""The only writer of CSV: tables by column or by row, with numbers in full."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
@@ -13,7 +13,7 @@ Spelled = dict[tuple[str, bytes], list[str]]
 
 
 def write(table: Table, stream: BinaryIO) -> None:
-    """Write one table, by column or by row. Nothing is written for None and NaN."""
+    """Write one table, by column or by row. None and NaN become empty cells."""
     _write(stream, by_column(table))
 
 
@@ -28,20 +28,20 @@ def of_filters(by_filter: Mapping[str, Table], seed: int) -> dict[str, Array]:
 
 
 def by_column(table: Table) -> dict[str, Array]:
-    """A table by column, whichever way it was."""
+    """A table by column, in either form."""
     if not isinstance(table, Mapping):
         table = {name: [row[name] for row in table] for name in (table[0] if table else ())}
     return {name: _array(values) for name, values in table.items()}
 
 
 def _array(values: Iterable[Any]) -> Array:
-    """A column: of numbers, which are whole if all are; else as they are. None is missing."""
+    """A column: integers if all numbers are; otherwise the values unchanged. None means missing."""
     if isinstance(values, np.ndarray):
         return values
     found = [np.nan if value is None else value for value in values]
     known = [value for value in found if value == value]
     words = any(isinstance(value, str | bool) for value in known)
-    # An array of floats would make 12.0 of a 12 beside which a number is missing.
+    # An array of floats would turn 12 into 12.0 if a number is missing beside it.
     counts_with_gaps = 0 < len(known) < len(found) and all(isinstance(value, Integral) for value in known)
     return np.array(found, dtype=object if words or counts_with_gaps else None)
 
@@ -54,7 +54,7 @@ def _write(stream: BinaryIO, columns: Mapping[str, Array]) -> None:
 
 
 def _texts(column: Array, spelled: Spelled) -> list[str]:
-    """The cells of a column; nothing for NaN. spelled: magnitudes that have been spelled already."""
+    """The cells of a column; empty for NaN. spelled: magnitudes that are already formatted."""
     if column.dtype.kind in "fiu":
         return _numbers(column, spelled)
     cells = column.tolist()
@@ -67,8 +67,8 @@ def _texts(column: Array, spelled: Spelled) -> list[str]:
 def _numbers(column: Array, spelled: Spelled) -> list[str]:
     """Numbers in full, so that they read back the same.
 
-    Spelling is what a table of many lines takes its time for, so equal neighbours are spelled once, and so are columns
-    that differ in sign alone: both bounds of a band, an error and the root of its square.
+    Formatting takes most of the time for a long table, so equal neighbours are formatted once, and so are columns
+    that differ only in sign: both bounds of a band, an error and the root of its square.
     """
     magnitude = np.nan_to_num(np.abs(column), nan=-1.0, posinf=np.inf)
     key = column.dtype.char, magnitude.tobytes()
@@ -83,5 +83,5 @@ def _numbers(column: Array, spelled: Spelled) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """A cell as it stands in the file: in quotes where it has a comma, a quote or a line's end."""
+    """A cell as it stands in the file: in quotes if it contains a comma, a quote or a line break."""
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\r\n') else text

@@ -1,4 +1,4 @@
-"""How the runs of an ensemble are spread: RMSE and NEES of each, in one picture."""
+"""The distribution over the runs of an ensemble: RMSE and NEES, in one picture."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""What all pictures share: figures with panels, legends, axes, lines of many points, and how they become files."""
+"""What all pictures share: figures with panels, legends, axes, lines of many points, and output to files."""
 
 import io
 import textwrap
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 WIDTH = 9.0  # inches
 _DPI = 110
-_COMPRESSION = 3  # a tenth larger than at the usual 6, in two thirds of the time
-_BUCKETS = 1500  # of a line, more than a picture has columns of pixels
-_LABEL = 60  # letters of a name that a legend has room for
+_COMPRESSION = 3  # a tenth larger than the usual 6, in two thirds of the time
+_BUCKETS = 1500  # points of a line, more than a picture has columns of pixels
+_LABEL = 60  # letters of a name that fit in a legend
 
 
 def new_figure(
     rows: int, title: str, height: float, columns: int = 1, shared: bool = True
 ) -> tuple["Figure", list["Axes"]]:
-    """A figure with panels of a height [inches] each, one time axis for all of a single column's if it is shared."""
+    """A figure with panels of a given height [inches]; the panels of a single column may share one time axis."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, height * rows + 1.0), layout="constrained")
@@ -38,52 +38,52 @@ def new_figure(
     return figure, list(panels)
 
 
-def said(text: str) -> str:
-    """A name as it is drawn: a dollar begins no formula, and what cannot be seen is no glyph."""
+def escaped(text: str) -> str:
+    """A name as drawn: a dollar starts no formula, and an invisible character is no glyph."""
     return printable(text).replace("$", r"\$")
 
 
 def short(text: str, most: int = _LABEL) -> str:
-    """A name as it is drawn where there is little room; matplotlib leaves out a label that begins with a bar below."""
+    """A name shortened for little space; matplotlib leaves out a label that begins with an underscore."""
     text = " ".join(printable(text).split())
     text = text if len(text) <= most else f"{text[: most - 2]} …"
-    return said(f" {text}" if text.startswith("_") else text)
+    return escaped(f" {text}" if text.startswith("_") else text)
 
 
 def headed(figure: "Figure", title: str) -> None:
     """A title over all panels, in as many lines as it needs."""
     lines = textwrap.wrap(printable(title), 90, max_lines=6, placeholder=" …")
-    figure.suptitle("\n".join(map(said, lines)), fontsize="large")
+    figure.suptitle("\n".join(map(escaped, lines)), fontsize="large")
 
 
 def labelled(name: str, unit: str, letters: int = 40, lines: int = 1) -> str:
-    """A quantity and its unit as they stand at an axis, the name in no more lines of so many letters."""
+    """A quantity and its unit as an axis label, broken into lines of so many letters."""
     parts = textwrap.wrap(printable(name), letters, max_lines=lines, placeholder=" …")
-    return "\n".join(map(said, parts)) + (f" [{said(unit)}]" if unit else "")
+    return "\n".join(map(escaped, parts)) + (f" [{escaped(unit)}]" if unit else "")
 
 
 def named(axes: "Axes", name: str, unit: str) -> None:
-    """The name and unit of a panel's component, in lines that a panel is high enough for."""
+    """The name and unit of a panel's component, in as many lines as the panel has room for."""
     axes.set_ylabel(labelled(name, unit, 20, 2))
 
 
 def legend_below(figure: "Figure", axes: "Axes") -> None:
-    """A legend under the panels, in as many columns as its longest entry leaves room for."""
+    """A legend below the panels, in as many columns as its longest entry allows."""
     handles, labels = axes.get_legend_handles_labels()
     columns = max(1, int(14.0 * WIDTH / (max(map(len, labels), default=1) + 8)))
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 5), frameon=False, fontsize="small")
 
 
 def cornered(axes: "Axes", text: str) -> None:
-    """A line in small letters in the upper left corner of a panel; nothing for no text."""
+    """A line in small letters in the upper left corner of a panel; nothing without text."""
     if text:
         style: dict[str, Any] = {"ha": "left", "va": "top", "fontsize": "x-small", "zorder": 9}
         box = {"facecolor": "white", "alpha": 0.7, "lw": 0, "pad": 1.5}
-        axes.text(0.01, 0.96, said(text), transform=axes.transAxes, bbox=box, **style)
+        axes.text(0.01, 0.96, escaped(text), transform=axes.transAxes, bbox=box, **style)
 
 
 def logarithmic(axis: "Axis", low: float, high: float) -> None:
-    """Ticks of a logarithmic axis as plain numbers, closer together where it spans little."""
+    """Ticks of a logarithmic axis as plain numbers, denser on a short axis."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     span = high / low
@@ -94,9 +94,9 @@ def logarithmic(axis: "Axis", low: float, high: float) -> None:
 
 
 def within_reach(sizes: Mapping[str, float], times: float) -> tuple[float, list[str]]:
-    """The largest of the sizes that set a scale, and the names of those that leave it.
+    """The largest of the sizes that determine a scale, and the names of those beyond it.
 
-    A filter that is so many times as far off as the best would flatten all others. NaN where no size is known.
+    A filter that is many times as far off as the best would flatten all others. NaN if no size is known.
     """
     known = {name: size for name, size in sizes.items() if np.isfinite(size) and size > 0.0}
     if not known:
@@ -107,7 +107,7 @@ def within_reach(sizes: Mapping[str, float], times: float) -> tuple[float, list[
 
 
 def broken_at_gaps(columns: Mapping[str, Array]) -> dict[str, Array]:
-    """Columns with an empty line wherever their time jumps by many steps, so that nothing is drawn across."""
+    """Columns with an empty entry wherever their time jumps by many steps, so that no line crosses a gap."""
     time = columns["time"]
     lapse = np.diff(time)
     gaps = np.flatnonzero(lapse > 10.0 * np.median(lapse)) if lapse.size else np.empty(0, dtype=int)
@@ -119,9 +119,9 @@ def broken_at_gaps(columns: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def telling(values: Array) -> Array:
-    """Which of the values over time (T,) make the line that all of them make, where a pixel holds many.
+    """Which of the values over time (T,) are needed for the same line, if a pixel contains many.
 
-    Of each of a number of buckets the least, the greatest, and the first that is missing, so that gaps stay.
+    From each bucket the smallest, the largest, and the first missing one, so that gaps remain.
     """
     size = -(-values.size // _BUCKETS)
     if size < 4:
@@ -138,19 +138,19 @@ def telling(values: Array) -> Array:
 
 
 def line(axes: "Axes", columns: Mapping[str, Array], key: str, **style: Any) -> None:
-    """A column over time, by as many points as can be seen."""
-    shown = telling(columns[key])
-    axes.plot(columns["time"][shown], drawable(columns[key][shown]), **style)
+    """A column over time, with as many points as are visible."""
+    kept = telling(columns[key])
+    axes.plot(columns["time"][kept], drawable(columns[key][kept]), **style)
 
 
 def drawable(values: Array) -> Array:
-    """The same, NaN where a number is too large for a picture's coordinates."""
+    """The same values, with NaN where a number is too large for a picture's coordinates."""
     values = np.asarray(values, dtype=float)
     return np.where(np.abs(values) < 1e100, values, np.nan)
 
 
 def png(figure: "Figure") -> bytes:
-    """A figure as a PNG file: drawn once, where savefig draws twice for the layout."""
+    """A figure as a PNG file, drawn once: savefig draws twice for the layout."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(_DPI)
@@ -164,7 +164,7 @@ def png(figure: "Figure") -> bytes:
 
 @contextmanager
 def boxes_for_letters() -> Iterator[None]:
-    """A name in letters that the font has not is drawn as boxes, without a word: every table has it as it is."""
+    """Draw a name in letters that the font lacks as boxes, without a warning: every table has the name itself."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield

@@ -1,4 +1,4 @@
-"""What the statistics say of one filter, as it is reported."""
+"""The statistics of one filter, as they are reported."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,6 +16,6 @@ class Findings(NamedTuple):
     verdict: Verdict | None
 
     def row(self, metric: str, component: str = "all") -> MetricRow | None:
-        """The row of a metric and component, if there is one and it has a value."""
+        """The row of a metric and component, if it exists and has a value."""
         found = next((row for row in self.rows if row.metric == metric and row.component == component), None)
         return None if found is None or found.value != found.value else found

@@ -14,7 +14,7 @@ _MARKDOWN = {**{c: f"\\{c}" for c in "\\`*_|~"}, "<": "&lt;", "&": "&amp;", "]("
 _LATEX = {
     **{c: f"\\{c}" for c in "&%$#_{}"},
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
-    # After a line's end, a bracket would be taken for an argument.
+    # After a line break, LaTeX would read a bracket as an argument.
     **{"[": "{[}", "]": "{]}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
     **{"×": r"$\times$", "·": r"$\cdot$", "…": r"\dots{}", "±": r"$\pm$", "²": r"$^2$", "−": "$-$"},
 }

@@ -1,4 +1,4 @@
-"""HTML from values. Every text is escaped; what is markup already says so by its type."""
+"""HTML from values. Every text is escaped; markup has its own type."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -6,7 +6,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 _VOID = frozenset({"img", "meta", "link", "br"})
-# Control characters and halves of surrogate pairs are no HTML, and the latter no UTF-8; marks of direction hide names.
+# Control characters and surrogate halves are not HTML, and the latter not UTF-8; direction marks can hide names.
 _REPLACED = dict.fromkeys(
     (*range(9), 11, 12, *range(14, 32), *range(127, 160), *range(0xD800, 0xE000))
     + (0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)),
@@ -15,33 +15,33 @@ _REPLACED = dict.fromkeys(
 
 
 class Html(str):
-    """Text that is markup already."""
+    """Text that is already markup."""
 
 
 Content = str | None | Iterable["Content"]
 
 
 class Cell(NamedTuple):
-    """What a cell shows, and the number that it is sorted by."""
+    """What a cell shows, and the number by which it is sorted."""
 
-    shown: str
+    text: str
     number: float = float("nan")
 
 
 def text(content: str) -> Html:
-    """A text escaped, for content and attributes alike."""
+    """A text escaped, for content and attributes."""
     return Html(escape(content.translate(_REPLACED), quote=True))
 
 
 def join(content: Content) -> Html:
-    """Markup of texts and markup in their order; nothing for None."""
+    """Markup from texts and markup in order; None adds nothing."""
     if content is None or isinstance(content, Html):
         return content or Html()
     return text(content) if isinstance(content, str) else Html("".join(map(join, content)))
 
 
 def tag(name: str, *content: Content, **attributes: str | bool | None) -> Html:
-    """An element. Attributes: class_ is class, data_x is data-x, True is an attribute alone, None and False none."""
+    """An element. Attributes: class_ is class, data_x is data-x, True is one without value, None and False none."""
     given = "".join(
         f" {key.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{text(str(value))}"')
         for key, value in attributes.items()
@@ -51,9 +51,9 @@ def tag(name: str, *content: Content, **attributes: str | bool | None) -> Html:
 
 
 def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str | Cell]], filtered: bool = False) -> Html:
-    """A table in a box of its own to scroll in. The script makes its columns sortable and, if asked, its rows filtered.
+    """A table in its own scrolling box. The script makes its columns sortable and, if requested, its rows filterable.
 
-    Columns of cells with numbers stand to the right; the first column heads its row.
+    Columns of cells with numbers are right-aligned; the first column heads its row.
     """
     lines = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in rows]
     numeric = [any(line[i].number == line[i].number for line in lines) for i in range(len(headings))]
@@ -72,7 +72,7 @@ def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str | C
 def _cell(cell: Cell, right: bool, first: bool) -> Html:
     number = repr(float(cell.number)) if cell.number == cell.number else None
     name, scope = ("th", "row") if first else ("td", None)
-    return tag(name, cell.shown, scope=scope, class_="number" if right else None, data_number=number)
+    return tag(name, cell.text, scope=scope, class_="number" if right else None, data_number=number)
 
 
 def section(name: str, heading: str, *content: Content) -> Html:
@@ -80,16 +80,16 @@ def section(name: str, heading: str, *content: Content) -> Html:
     return tag("section", tag("h2", heading, id=f"{name}-heading"), content, id=name, aria_labelledby=f"{name}-heading")
 
 
-def note(said: str) -> Html:
-    """A remark on what is not there; nothing for nothing."""
-    return tag("p", said, class_="note") if said else Html()
+def note(remark: str) -> Html:
+    """A remark on what is missing; empty without one."""
+    return tag("p", remark, class_="note") if remark else Html()
 
 
 def folded(summary: str, *content: Content) -> Html:
-    """What is shown when asked for."""
+    """Content that is shown on request."""
     return tag("details", tag("summary", summary), content)
 
 
-def link(path: str, shown: str | None = None) -> Html:
-    """A link to a file below the page. The dot keeps a name such as javascript: from being a scheme."""
-    return tag("a", shown or path, href="./" + quote(path, safe="/", errors="replace"))
+def link(path: str, label: str | None = None) -> Html:
+    """A link to a file below the page. The leading dot keeps a name such as javascript: from being a scheme."""
+    return tag("a", label or path, href="./" + quote(path, safe="/", errors="replace"))

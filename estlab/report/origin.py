@@ -10,7 +10,7 @@ from estlab.report.markup import Html, join, table, tag
 
 _HELD = {
     rundir.METRICS: "means over runs with 95 % intervals, and the verdict",
-    rundir.VERDICTS: "each filter's word, sentence and key",
+    rundir.VERDICTS: "each filter's verdict: word, sentence and key",
     rundir.TESTS: "NEES, NIS, bias and whiteness with p-values",
     rundir.COMPARISON: "each pair of filters",
     rundir.COVERAGE: "shares within 1, 2, 3 sigma",
@@ -18,11 +18,11 @@ _HELD = {
     rundir.ERRORS: "errors, sigmas and RMSE over time",
     rundir.NEES: "NEES / n over time with its band",
     rundir.NIS: "NIS / m over time with its band",
-    rundir.NOTES: "what a filter noted of each step",
-    rundir.EXPECTATIONS: "what was expected and found",
+    rundir.NOTES: "a filter's notes at each step",
+    rundir.EXPECTATIONS: "expectations and results",
     rundir.ESTIMATES: "truth, estimates and readings of the runs kept",
     rundir.CONFIG: "the whole configuration",
-    rundir.OVERRIDES: "what was typed",
+    rundir.OVERRIDES: "the typed words",
     rundir.RUN: "versions, machine, command line, data files, time",
     rundir.STATUS: "how it ended",
     rundir.LOG: "the log",
@@ -30,7 +30,7 @@ _HELD = {
 
 
 def title_of(contents: Contents) -> str:
-    """Problem, filters, size and seed; what is known of them where the run did not come so far."""
+    """Problem, filters, size and seed; as much as is known if the run ended early."""
     record = _record(contents, rundir.RUN)
     if isinstance(title := record.get("title"), str) and title:
         return title[:500]
@@ -48,7 +48,7 @@ def title_of(contents: Contents) -> str:
 
 
 def status_of(contents: Contents) -> Html:
-    """How the run ended, when and how long it took, and what went wrong."""
+    """How the run ended, when, how long it took, and what went wrong."""
     record = _record(contents, rundir.RUN)
     try:
         stamp = contents.record(rundir.STATUS)
@@ -56,15 +56,15 @@ def status_of(contents: Contents) -> Html:
     except UnusableError as unusable:
         word, error = "unknown", str(unusable)
     took = as_number(str(record.get("wall_time_s")))
-    said = [str(record["began"])[:19].replace("T", " ")] if "began" in record else []
-    said += [f"{took:.3g} s"] if took == took else []
-    said += [f"estlab {record['estlab']}"] if "estlab" in record else []
-    line = tag("p", sections.status(word), " ", tag("span", " · ".join(said), class_="facts"))
+    facts = [str(record["began"])[:19].replace("T", " ")] if "began" in record else []
+    facts += [f"{took:.3g} s"] if took == took else []
+    facts += [f"estlab {record['estlab']}"] if "estlab" in record else []
+    line = tag("p", sections.status(word), " ", tag("span", " · ".join(facts), class_="facts"))
     return join([line, tag("p", error, class_="error") if error else None])
 
 
 def configuration(contents: Contents) -> Html:
-    """What was typed, the same as Hydra took it, and the whole configuration."""
+    """The typed words, the same as Hydra received them, and the whole configuration."""
     typed = _command(_record(contents, rundir.RUN).get("command"))
     as_taken = sections.made(lambda: sections.file_text(contents, rundir.OVERRIDES))
     whole = sections.made(lambda: sections.file_text(contents, rundir.CONFIG))
@@ -72,7 +72,7 @@ def configuration(contents: Contents) -> Html:
 
 
 def _command(words: Any) -> str:
-    """A command line as a shell takes it."""
+    """A command line as a shell accepts it."""
     return shlex.join(words) if isinstance(words, list) and all(isinstance(word, str) for word in words) else ""
 
 
@@ -111,12 +111,12 @@ def _log(contents: Contents) -> Html:
 
 
 def files(contents: Contents) -> Html:
-    """What is in the directory."""
+    """The content of the directory."""
     return sections.files(contents, _HELD)
 
 
 def _record(contents: Contents, name: str) -> dict[str, Any]:
-    """A record, empty where there is none."""
+    """A record, empty if there is none."""
     try:
         return contents.record(name)
     except UnusableError:

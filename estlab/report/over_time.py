@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 _DENSE = 1500  # steps from which a line would be a smear
 _CUT = 3.0  # times as large as the smallest, from which a filter's errors leave a panel
-_LOST = 1e3  # times as large as the smallest, from which a filter's NEES leaves it
-_HIGHEST = 1e4  # of a NEES / n that is drawn
+_LOST = 1e3  # steps from which a line would be a smear
+_HIGHEST = 1e4  # times the smallest, from which a filter's errors leave a panel
 
 
 def draw_errors(
@@ -41,10 +41,10 @@ def draw_errors(
 
     Where the truth of a component is not known, its estimate and +-3 sigma about that. Of many components some.
     """
-    shown = components.chosen(components.ratios(errors, space.size), space.position)
-    note = components.selection(shown, space.size)
-    figure, panels = new_figure(len(shown), f"{title} · {note}" if note else title, 1.7)
-    for i, axes in zip(shown, panels, strict=True):
+    some = components.chosen(components.ratios(errors, space.size), space.position)
+    note = components.selection(some, space.size)
+    figure, panels = new_figure(len(some), f"{title} · {note}" if note else title, 1.7)
+    for i, axes in zip(some, panels, strict=True):
         mine = {name: {key: column[i :: space.size] for key, column in one.items()} for name, one in errors.items()}
         if any(np.isfinite(columns["error"]).any() for columns in mine.values()):
             _draw_component(axes, mine, runs, colours, i in space.angles)
@@ -87,7 +87,7 @@ def _draw_estimates(
         jumps = angle & (np.abs(np.diff(middle, append=middle[-1:])) > np.pi)
         about = np.where(jumps, np.nan, middle)
         _draw_band(axes, columns, about, colours[name], of, alone)
-        label = short(f"estimate, truth not known, {of}")
+        label = short(f"estimate, truth unknown, {of}")
         line(axes, {**columns, "about": about}, "about", color=colours[name], lw=_width(columns), label=label)
         known = np.isfinite(middle) & np.isfinite(columns["upper3"])
         if known.any():
@@ -99,19 +99,19 @@ def _draw_estimates(
     if ends and max(ends) > min(ends):
         room = 0.05 * (max(ends) - min(ends))
         axes.set_ylim(min(ends) - room, max(ends) + room)
-    _say_beyond(axes, gone, widths)
+    _note_beyond(axes, gone, widths)
 
 
 def _draw_band(axes: "Axes", columns: Columns, about: Array, colour: str, of: str, alone: bool) -> None:
     """+-3 sigma about a line."""
     dense = columns["time"].size > _DENSE
     band = BAND if alone else colour
-    shown = telling(columns["upper3"])
+    kept = telling(columns["upper3"])
     low, high = (drawable(about + columns[key]) for key in ("lower3", "upper3"))
     axes.fill_between(
-        columns["time"][shown],
-        low[shown],
-        high[shown],
+        columns["time"][kept],
+        low[kept],
+        high[kept],
         color=band,
         alpha=(0.35 if dense else 0.15) if alone else 0.08,
         lw=0,
@@ -143,10 +143,10 @@ def _limit(axes: "Axes", errors: Mapping[str, Columns], runs: int, most: float) 
     if 0.0 < size < 1e99:
         axes.set_ylim(-1.25 * size, 1.25 * size)
         gone += [name for name in sizes if name not in gone and sizes[name] > 1.25 * size]
-    _say_beyond(axes, gone, sizes)
+    _note_beyond(axes, gone, sizes)
 
 
-def _say_beyond(axes: "Axes", gone: Sequence[str], sizes: Mapping[str, float]) -> None:
+def _note_beyond(axes: "Axes", gone: Sequence[str], sizes: Mapping[str, float]) -> None:
     """Which filters leave the panel, and how far they reach."""
     beyond = ", ".join(f"{name} (±{sizes[name]:.2g})" for name in gone[:3])
     cornered(axes, f"beyond the panel: {beyond}" if beyond else "")
@@ -169,20 +169,20 @@ def draw_consistency(
     """A normalised statistic over time, on a logarithmic scale, with the 95 % band of a consistent filter."""
     figure, (axes,) = new_figure(1, title, 3.6)
     what = heading(column)
-    shown = {name: columns for name, columns in by_filter.items() if columns["time"].size}
-    longest = max(columns["time"].size for columns in shown.values())
+    drawn = {name: columns for name, columns in by_filter.items() if columns["time"].size}
+    longest = max(columns["time"].size for columns in drawn.values())
     dense = len(runs) == 1 and longest > 600
-    count = max(int(columns["runs_scored"].max()) for columns in shown.values())
+    count = max(int(columns["runs_scored"].max()) for columns in drawn.values())
     mean = "" if len(runs) == 1 else f", mean of {count} runs"
-    first = next(iter(shown))
-    for name, columns in shown.items():
-        label = short(what + mean if len(shown) == 1 else f"{name}{mean}")
+    first = next(iter(drawn))
+    for name, columns in drawn.items():
+        label = short(what + mean if len(drawn) == 1 else f"{name}{mean}")
         broken = broken_at_gaps({key: columns[key] for key in ("time", column)})
         style = "." if dense else "-"
         values = np.where(broken[column] > 0.0, drawable(broken[column]), np.nan)
         axes.plot(broken["time"], values, style, ms=2, color=colours[name], lw=1.0, label=label)
-    draw_consistent(axes, shown[first], "" if len(shown) == 1 else f", for {first}")
-    low, high, note = _span(shown, column, 0.005 if dense else 0.0)
+    draw_consistent(axes, drawn[first], "" if len(drawn) == 1 else f", for {first}")
+    low, high, note = _span(drawn, column, 0.005 if dense else 0.0)
     axes.set_yscale("log")
     axes.set_ylim(low, high)
     cornered(axes, note)
@@ -205,22 +205,22 @@ def draw_consistent(axes: "Axes", columns: Columns, of: str) -> None:
     axes.axhline(1.0, color="0.4", lw=0.8)
 
 
-def _span(shown: Mapping[str, Columns], column: str, tail: float) -> tuple[float, float, str]:
+def _span(drawn: Mapping[str, Columns], column: str, tail: float) -> tuple[float, float, str]:
     """The ends of the axis, which the filters that hold and the band decide, and what is said of the others."""
-    values = {name: columns[column][_known(columns[column])] for name, columns in shown.items()}
+    values = {name: columns[column][_known(columns[column])] for name, columns in drawn.items()}
     values = {name: found for name, found in values.items() if found.size}
     _, gone = within_reach({name: float(np.quantile(found, 0.99)) for name, found in values.items()}, _LOST)
     inside = [found for name, found in values.items() if name not in gone]
     lows = [0.8 * float(np.quantile(found, tail)) for found in inside]
     highs = [1.25 * float(np.quantile(found, 1.0 - tail)) for found in inside]
-    bands = [columns[key][_known(columns[key])] for columns in shown.values() for key in ("lower", "upper")]
+    bands = [columns[key][_known(columns[key])] for columns in drawn.values() for key in ("lower", "upper")]
     lows += [0.5 * float(band.min()) for band in bands if band.size]  # NaN where the statistic has no law
     highs += [2.0 * float(band.max()) for band in bands if band.size]
     low = float(np.clip(min(lows, default=0.5), 1e-4, 0.5))
     high = float(np.clip(max(highs, default=2.0), 2.0, _HIGHEST))
     beyond = {name: float(found.max()) for name, found in values.items() if found.max() > 2.0 * high}
-    said = ", ".join(f"{name} (to {most:.2g})" for name, most in list(beyond.items())[:3])
-    return low, high, f"beyond the panel: {said}" if said else ""
+    names = ", ".join(f"{name} (to {most:.2g})" for name, most in list(beyond.items())[:3])
+    return low, high, f"beyond the panel: {names}" if names else ""
 
 
 def _known(values: Array) -> Array:

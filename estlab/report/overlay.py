@@ -76,9 +76,7 @@ def draw(curves: Sequence[Curves], components: Sequence[str]) -> "Figure":
     title, panels = selection(some, len(panels), "RMSE"), [panels[i] for i in some]
     with_nees = any(np.isfinite(one.nees["anees"]).any() for one in curves)
     if not panels and not with_nees:
-        raise UserError(
-            "no run has errors over time to draw: its truth is not known, or the components are not its own"
-        )
+        raise UserError("no run has errors over time to draw: its truth is unknown, or it lacks the components")
     figure, axes = new_figure(len(panels) + with_nees, title, 1.9)
     for axis, (component, unit) in zip(axes, panels, strict=False):
         for one, style in zip(curves, _styles(curves), strict=True):
@@ -128,11 +126,11 @@ def _draw_nees(axes: "Axes", curves: Sequence[Curves]) -> None:
 
 
 def _line(axes: "Axes", lines: "DataFrame", column: str, style: tuple[str, str], label: str) -> None:
-    shown = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
-    values = np.minimum(shown[column], 1e99)  # the largest that a picture's coordinates hold
+    broken = broken_at_gaps({name: lines[name].to_numpy() for name in ("time", column)})
+    values = np.minimum(broken[column], 1e99)  # the largest that a picture's coordinates hold
     colour, dash = style
     drawn = np.where(values > 0.0, values, np.nan)
-    axes.plot(shown["time"], drawn, dash, color=colour, lw=1.1, label=short(label, 90))
+    axes.plot(broken["time"], drawn, dash, color=colour, lw=1.1, label=short(label, 90))
 
 
 def _scale(axes: "Axes") -> None:

@@ -10,9 +10,10 @@ from estlab.errors import UserError
 from estlab.report.contents import Contents
 from estlab.report.markup import text
 from estlab.report.run_page import run_page
-from estlab.report.sections import REPORT, Page
-from estlab.report.sweep_page import PLAN, SWEEP, sweep_page
+from estlab.report.sections import Page
+from estlab.report.sweep_page import sweep_page
 from estlab.rundir.files import write_text
+from estlab.rundir.layout import PLAN, REPORT, SWEEP
 
 _HERE = Path(__file__).parent
 
@@ -20,13 +21,13 @@ _HERE = Path(__file__).parent
 def write(path: Path) -> Path:
     """Draw the page of a directory and write it there.
 
-    Raises UserError for a directory of neither a run nor a sweep, OSError where it cannot be written.
+    Raises UserError for a directory of neither a run nor a sweep, OSError if it cannot be written.
     """
     return write_text(path, REPORT, draw(path))
 
 
 def draw(path: Path) -> str:
-    """The page of a directory, from what is in it alone.
+    """The page of a directory, only from its content.
 
     Raises UserError for a directory of neither a run nor a sweep.
     """
@@ -35,13 +36,13 @@ def draw(path: Path) -> str:
 
 
 def is_sweep(path: Path) -> bool:
-    """Whether a directory is a sweep's; if not, it is a run's.
+    """Whether a directory is a sweep's; otherwise it is a run's.
 
     Raises UserError for one that is neither.
     """
     contents = Contents(path)
     if not path.is_dir():
-        raise UserError(f"{path}: there is no such directory")
+        raise UserError(f"{path}: no such directory")
     if contents.has(rundir.STATUS):
         return False
     if contents.has(PLAN) or contents.has(SWEEP):
@@ -52,7 +53,7 @@ def is_sweep(path: Path) -> bool:
 
 
 def _whole(page: Page) -> str:
-    """The file: style and script within it, and allowed by their hashes, so that nothing else is."""
+    """The file: style and script inside it, allowed by their hashes, so that nothing else can run."""
     template, style, script = ((_HERE / f"page.{end}").read_text(encoding="utf-8") for end in ("html", "css", "js"))
     return Template(template).substitute(
         title=text(page.title),

@@ -1,4 +1,4 @@
-"""The pictures of a run: a function for each, which draws it or says that the run has none."""
+"""The pictures of a run: a function for each, which draws it or returns None if the run has none."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ Make = Callable[[], "Figure | None"]
 
 @dataclass(frozen=True)
 class PlotData:
-    """What the pictures of a run are drawn from.
+    """The data for a run's pictures.
 
-    tables: by file and filter, as far as there are any. arrays: those of estimates.npz. repeated: whether all runs are
-    of one recording. draw: adds the problem's own things to a picture of the plane, of a filter in the run that is at
-    this place among those kept.
+    tables: by file and filter, as far as they exist. arrays: those of estimates.npz. repeated: whether all runs share
+    one recording. draw: adds the problem's own drawing to a picture of the plane, for a filter in the run at this
+    place among those kept.
     """
 
     tables: Mapping[str, Mapping[str, Any]]
@@ -55,19 +55,19 @@ _OF_EACH_FILTER: dict[str, Callable[[PlotData, str], "Figure | None"]] = {}
 
 
 def picture(draw: Callable[[PlotData], "Figure | None"]) -> Callable[[PlotData], "Figure | None"]:
-    """Declare a picture, whose file has the function's name; None from it: the run has none."""
+    """Declare a picture; its file has the function's name. If it returns None, the run has none."""
     _PICTURES[draw.__name__] = draw
     return draw
 
 
 def picture_of_filter(draw: Callable[[PlotData, str], "Figure | None"]) -> Callable[[PlotData, str], "Figure | None"]:
-    """The same of each filter, whose name the file's ends with if there are several."""
+    """The same for each filter; with several filters, the file's name ends with the filter's."""
     _OF_EACH_FILTER[draw.__name__] = draw
     return draw
 
 
 def pictures(data: PlotData) -> dict[str, Make]:
-    """What draws each picture, by its file's name; None from it: the run has none. A run of a single step has none."""
+    """The function that draws each picture, by its file's name; it may return None. A run of one step has none."""
     if data.arrays["time"].size < 2:
         return {}
     found: dict[str, Make] = {f"{name}.png": partial(draw, data) for name, draw in _PICTURES.items()}

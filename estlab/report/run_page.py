@@ -1,6 +1,6 @@
-"""The page of a run, from its directory alone."""
+"""The page of a run, only from its directory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from estlab import rundir
 from estlab.metrics.tally import CAUSES
@@ -9,6 +9,7 @@ from estlab.metrics.vocabulary import (
     HOLM_INTERVAL,
     HOLM_P,
     INTERVAL,
+    METRICS,
     errors_beside,
     expected,
     heading,
@@ -27,7 +28,7 @@ from estlab.report.cells import (
     share_interval_cell,
 )
 from estlab.report.contents import Contents, UnusableError, as_number
-from estlab.report.markup import Cell, Html, join, note, table, tag
+from estlab.report.markup import Cell, Html, folded, join, note, table, tag
 from estlab.report.origin import configuration, files, provenance, status_of, title_of
 
 Make = Callable[[], Html]
@@ -42,7 +43,7 @@ def run_page(contents: Contents) -> sections.Page:
         (
             "verdicts",
             "Verdicts",
-            run.verdicts if figures else lambda: note("The run did not come to its figures."),
+            run.verdicts if figures else lambda: note("The run ended before it had figures."),
             True,
         ),
         ("warnings", "Warnings", run.warnings, bool(sections.warnings(contents))),
@@ -97,16 +98,16 @@ class _Run:
         filter, word = row.get("filter", ""), row.get("word", "")
         kind, sign = {CONSISTENT: ("good", "✓"), UNDECIDED: ("doubt", "?")}.get(word, ("bad", "✗"))
         badge = tag("span", f"{sign} {word}", class_=f"word {kind}")
-        said = tag("p", tag("strong", filter), f" is {row.get('sentence', '')}")
-        return tag("li", badge, said, note("" if word == LOST else self._diverged(filter)))
+        sentence = tag("p", tag("strong", filter), f" is {row.get('sentence', '')}")
+        return tag("li", badge, sentence, note("" if word == LOST else self._diverged(filter)))
 
     def _diverged(self, filter: str) -> str:
         row = self.found.get((filter, "diverged", "all"))
         if row is None:
             return ""
         causes = [(cause.replace("_", " "), self.found.get((filter, cause, "all"))) for cause in CAUSES]
-        why = [f"{figure_cell(found).shown} {cause}" for cause, found in causes if found and as_number(found["value"])]
-        return f"{figure_cell(row).shown} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
+        why = [f"{figure_cell(found).text} {cause}" for cause, found in causes if found and as_number(found["value"])]
+        return f"{figure_cell(row).text} of {row.get('n', '')} runs diverged" + (f": {', '.join(why)}" if why else "")
 
     def warnings(self) -> Html:
         return tag("ul", [tag("li", line) for line in sections.warnings(self.contents)])
@@ -118,7 +119,7 @@ class _Run:
             (filter, name) for name in components for filter in self.filters if (filter, "rmse", name) in self.found
         ]
         if not any(as_number(self.found[filter, "rmse", name].get("value")) > 0.0 for filter, name in found):
-            return note("The truth is not known, so there are no errors to speak of.")
+            return note("The truth is unknown, so there are no errors.")
         lost = any(as_number(row["value"]) for (_, metric, _), row in self.found.items() if metric == "diverged")
         bounded = any(metric == "efficiency" for _, metric, _ in self.found)
         beside = errors_beside(lost, bounded)
@@ -172,13 +173,15 @@ class _Run:
             "better in",
             "time to the other's",
         )
-        caption = "Each pair of filters on the same truth and readings; a difference above zero: the first is worse"
+        caption = (
+            "Each pair of filters on the same truth and readings; a difference above zero means that the first is worse"
+        )
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def coverage(self) -> Html:
         found = self.contents.table(rundir.COVERAGE)
         if not any(as_number(row.get("share")) >= 0.0 for row in found.rows):
-            return note("The truth is not known, so no share of errors is.")
+            return note("The truth is unknown, so there are no shares of errors.")
         sigmas = list(dict.fromkeys((row.get("sigmas", ""), row.get("nominal", "")) for row in found.rows))
         lines: dict[tuple[str, ...], dict[str, CsvRow]] = {}
         for row in found.rows:
@@ -191,8 +194,8 @@ class _Run:
                 rows[-1] += [share_cell(at.get(sigma), "share"), share_interval_cell(at.get(sigma))]
         headings = ["component", *self.filter, "when"]
         for sigma, nominal in sigmas:
-            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).shown})", INTERVAL]
-        caption = "Shares within 1, 2 and 3 sigma; in brackets what a consistent filter has; all: jointly"
+            headings += [f"{sigma} sigma ({share_cell({'value': nominal}).text})", INTERVAL]
+        caption = "Shares within 1, 2 and 3 sigma; in brackets the value for a consistent filter; all: jointly"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def expectations(self) -> Html:
@@ -228,4 +231,12 @@ class _Run:
             rows.append([*(row.get(column, "") for column in columns), figure_cell(row), interval_cell(row)])
             rows[-1].append(number_cell(row.get("n")))
         headings = (*columns, "value", INTERVAL, "runs")
-        return join([table("Every row of metrics.csv", headings, rows, filtered=True), note(found.remark)])
+        every = table("Every row of metrics.csv", headings, rows, filtered=True)
+        return join([every, note(found.remark), _glossary({row.get("metric", "") for row in found.rows})])
+
+
+def _glossary(metrics: Collection[str]) -> Html:
+    """What each of these metrics is, in the order of the vocabulary."""
+    rows = [(name, term.heading, term.meaning) for name, term in METRICS.items() if name in metrics]
+    meanings = tag("div", table("What each metric is", ("metric", "called", "what it is"), rows), class_="prose")
+    return folded("What each metric is", meanings) if rows else Html()

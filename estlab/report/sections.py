@@ -1,4 +1,4 @@
-"""A page's parts, and those that the page of a run and of a sweep share: plots, log, facts, files."""
+"""A page's parts, and those that the pages of a run and of a sweep share: plots, log, facts, files."""
 
 import json
 import re
@@ -10,22 +10,19 @@ from typing import Any, NamedTuple
 from estlab import rundir
 from estlab.report.contents import Contents, UnusableError, size
 from estlab.report.markup import Cell, Html, folded, join, link, note, section, table, tag
-
-REPORT = "report.html"
+from estlab.rundir.layout import OUTPUT, REPORT
 
 _LOG_BYTES = 2**17
 _WARNINGS = 50
 _LONG = 2000  # characters of a fact that are shown
-# What a sweep's job says on its terminal, which goes on after the page.
-_GROWING = "output.txt"
 
 _PLOTS = {
-    "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, a panel a component",
+    "errors": "Error of the first run, ±3 sigma, and RMSE of the ensemble over time, one panel per component",
     "nees": "NEES / n over time with the 95 % band of a consistent filter",
     "nis": "NIS / m over time with the 95 % band of a consistent filter",
     "components": "RMSE and mean sigma of every component, over all time",
     "cloud": "The cloud of particles at six moments, of the best and the worst run of those kept",
-    "repeats": "The runs over one recording beside each other",
+    "repeats": "The runs over one recording side by side",
     "ess": "Effective sample size over time",
     "distribution": "Distribution over runs of RMSE and NEES",
     "trajectory": "Trajectory of the first run, true and estimated",
@@ -34,7 +31,7 @@ _STATES = {"ok": "good", "unmet": "doubt", "failed": "bad", "interrupted": "doub
 
 
 class Page(NamedTuple):
-    """Title, what stands above all, and the sections: anchor, heading, content."""
+    """Title, the heading above everything, and the sections: anchor, heading, content."""
 
     title: str
     head: Html
@@ -72,18 +69,18 @@ def plots(contents: Contents, title: str) -> Html:
     for name in dict.fromkeys([*known, *found]):
         content = found[name]
         stem = name.removesuffix(".png")
-        said = _PLOTS.get(stem, stem.replace("_", " "))
+        caption = _PLOTS.get(stem, stem.replace("_", " "))
         width, height = struct.unpack(">II", content[16:24].ljust(8, b"\0"))
         source = f"data:image/png;base64,{b64encode(content).decode()}"
-        image = tag("img", src=source, alt=f"{said}: {title}", width=str(width), height=str(height))
-        figures.append(tag("figure", image, tag("figcaption", said)))
+        image = tag("img", src=source, alt=f"{caption}: {title}", width=str(width), height=str(height))
+        figures.append(tag("figure", image, tag("figcaption", caption)))
     if not found and not remarks:
-        return note("There are no plots in this directory. plots=true draws them.")
+        return note("There are no plots in this directory; plots=true draws them.")
     return join([tag("div", figures, class_="plots"), [note(remark) for remark in remarks]])
 
 
 def warnings(contents: Contents) -> list[str]:
-    """What log.txt warns of, the first of it; nothing where there is no log."""
+    """The first warnings of log.txt; empty without a log."""
     try:
         text, _ = contents.text(rundir.LOG, _LOG_BYTES, last=True)
     except UnusableError:
@@ -94,37 +91,37 @@ def warnings(contents: Contents) -> list[str]:
 
 
 def file_text(contents: Contents, name: str, last: bool = False) -> Html:
-    """A text file as it is, folded."""
+    """A text file unchanged, folded."""
     text, remark = contents.text(name, _LOG_BYTES, last)
     return join([note(remark), folded(name, tag("pre", text, tabindex="0", aria_label=name))])
 
 
 def facts(record: Mapping[str, Any], caption: str) -> Html:
-    """A record as a table of two columns; groups by their keys with dots."""
+    """A record as a table of two columns; groups as keys with dots."""
     rows = []
     for key, value in record.items():
         parts = value.items() if isinstance(value, dict) else [(None, value)]
-        rows += [(f"{key}.{part}" if part is not None else key, _said(content)) for part, content in parts]
+        rows += [(f"{key}.{part}" if part is not None else key, _as_text(content)) for part, content in parts]
     return tag("div", table(caption, ("fact", "value"), rows), class_="prose")
 
 
-def _said(value: Any) -> str:
+def _as_text(value: Any) -> str:
     if isinstance(value, str):
-        said = value
+        text = value
     elif isinstance(value, list) and all(isinstance(word, str) for word in value):
-        said = " ".join(value)
+        text = " ".join(value)
     else:
-        said = json.dumps(value, ensure_ascii=False)
-    return said if len(said) <= _LONG else said[:_LONG] + " ..."
+        text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _LONG else text[:_LONG] + " ..."
 
 
 def files(contents: Contents, held: Mapping[str, str]) -> Html:
-    """The files of the directory with what they hold, by name."""
+    """The files of the directory with their content, by name."""
     rows = []
     for name, count in contents.files(rundir.PLOTS, rundir.PLUGINS):
         if name != REPORT:
-            weight = Cell("") if name == _GROWING else Cell(size(count), count)
+            weight = Cell("") if name == OUTPUT else Cell(size(count), count)
             usual = "source of a plugin's module" if name.startswith(f"{rundir.PLUGINS}/") else ""
             usual = "a picture" if name.endswith(".png") else usual
             rows.append((link(name), held.get(name, usual), weight))
-    return tag("div", table("Files of this directory", ("file", "what it holds", "size"), rows), class_="prose")
+    return tag("div", table("Files of this directory", ("file", "content", "size"), rows), class_="prose")

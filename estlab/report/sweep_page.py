@@ -1,4 +1,4 @@
-"""The page of a sweep, from its directory alone."""
+"""The page of a sweep, only from its directory."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -10,13 +10,11 @@ from estlab.report import sections
 from estlab.report.cells import CsvRow, figure_cell, interval_cell, number_cell
 from estlab.report.contents import Contents, UnusableError
 from estlab.report.markup import Cell, Html, join, link, note, table, tag
-
-PLAN, SWEEP, GROUPS, FAILURES = "sweep.json", "sweep.csv", "groups.csv", "failures.csv"
-TUNING = "tuning.csv"
+from estlab.rundir.layout import FAILURES, GROUPS, PLAN, REPORT, SWEEP, TUNING
 
 _HELD = {
     PLAN: "the plan: the words typed and the jobs",
-    SWEEP: "a row a job and filter: swept values, status, every metric with its interval",
+    SWEEP: "a row for each job and filter: swept values, status, every metric with its interval",
     GROUPS: "means over repeats with intervals",
     FAILURES: "each attempt that failed",
     TUNING: "the trials of a tuning: values, objective, the best so far",
@@ -80,7 +78,7 @@ class _Sweep:
                 for name, values in self.planned
             ]
             there = table("Jobs of the plan", ("job", *self.keys, "status"), rows, filtered=len(rows) > 10)
-            return join([note(f"{SWEEP} is missing: the sweep did not come to its end."), there])
+            return join([note(f"{SWEEP} is missing: the sweep did not finish."), there])
         found = self.contents.table(SWEEP)
         columns = list(found.rows[0]) if found.rows else []
         keys = [column for column in columns if column in (*self.keys, "filter", "status") and column != "job"]
@@ -104,7 +102,7 @@ class _Sweep:
             rows.append([self._job(row.get("job", "")), *(_value(row.get(key, "")) for key in keys)])
             rows[-1] += [number_cell(row.get("objective")), number_cell(row.get("best")), row.get("state", "")]
         headings = ("job", *keys, "objective", "best so far", "outcome")
-        caption = "Trials in their order; the smaller the objective, the better"
+        caption = "Trials in order; a smaller objective is better"
         return join([table(caption, headings, rows, filtered=len(rows) > 10), note(found.remark)])
 
     def groups(self) -> Html:
@@ -128,14 +126,14 @@ class _Sweep:
             (self._job(row.get("job", "")), row.get("error", ""), row.get("status", ""), _value(row.get("attempt", "")))
             for row in found.rows
         ]
-        shown = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
-        return join([tag("div", shown, class_="prose"), note(found.remark)])
+        failed = table("Each attempt that failed, with its error", ("job", "error", "status", "attempt"), rows)
+        return join([tag("div", failed, class_="prose"), note(found.remark)])
 
     def _job(self, name: str) -> Html:
         """A job's name, linked to its own page or to its directory, if it has one."""
         if not self.contents.is_folder(name):
             return join(name)
-        page = f"{name}/{sections.REPORT}"
+        page = f"{name}/{REPORT}"
         return link(page if self.contents.has(page) else f"{name}/", name)
 
 
@@ -174,4 +172,4 @@ def _metrics(row: CsvRow, columns: list[str], figures: list[str]) -> list[Cell]:
 
 def _value(text: str) -> Cell:
     """A swept value as it was typed, sorted as a number if it is one."""
-    return number_cell(text)._replace(shown=text)
+    return number_cell(text)._replace(text=text)

@@ -1,4 +1,4 @@
-"""The pictures of a sweep, drawn from its table: a curve with its interval for one number swept, a map for two."""
+"""The pictures of a sweep, drawn from its table: a curve with its interval for one swept number, a map for two."""
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from estlab import rundir
 from estlab.metrics.vocabulary import column_heading
 from estlab.report.components import chosen, selection
-from estlab.report.figures import png, said, short
+from estlab.report.figures import escaped, png, short
 from estlab.report.palette import curves
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ Save = Callable[[str, Callable[[Any], object]], object]
 
 _PANEL = 2.6  # inches
 _MULTIPLES = 12  # small multiples, or curves, that an eye can tell apart
-_CELLS = 8  # rows and columns of a map up to which its numbers are written in it
-_TICKS = 12  # values of a key up to which each is a tick
-_LARGEST = 1e100  # that a picture's coordinates hold
-_ROUND = ("anees", "anis")  # metrics that are 1 when the filter is consistent
+_CELLS = 8  # small multiples, or curves, that are still distinguishable
+_TICKS = 12  # rows and columns of a map up to which it shows its numbers
+_LARGEST = 1e100  # values of a key up to which each has a tick
+_ROUND = ("anees", "anis")  # the largest number in a picture's coordinates
 
 
 def draw_all(path: Path, title: str, keys: Sequence[str], units: Mapping[str, str], save: Save) -> list[str]:
@@ -89,7 +89,7 @@ def _drawn(
         figure = draw_curves(table, columns, keys[0], series, units)
     else:
         figure = draw_points(table, columns, series, units)
-    figure.suptitle(textwrap.fill(said(title), int(10 * figure.get_figwidth())), fontsize=9)
+    figure.suptitle(textwrap.fill(escaped(title), int(10 * figure.get_figwidth())), fontsize=9)
     return png(figure)
 
 
@@ -113,7 +113,7 @@ def draw_curves(
         _label(axes, column, units)
         _key_scale(axes, table[key])
         _value_scale(axes, table[column])
-    panels[-1].set_xlabel(said(key))
+    panels[-1].set_xlabel(escaped(key))
     _legend(figure, panels[0], series)
     return figure
 
@@ -166,9 +166,9 @@ def draw_maps(
             if axes in grid[0] and name:
                 axes.set_title(short(name, 30), fontsize=10)
             if axes in grid[-1]:
-                axes.set_xlabel(said(across))
-        row[0].set_ylabel(said(down))
-        figure.colorbar(image, ax=list(row), label=said(column_heading(column, units.get(column, ""))))
+                axes.set_xlabel(escaped(across))
+        row[0].set_ylabel(escaped(down))
+        figure.colorbar(image, ax=list(row), label=escaped(column_heading(column, units.get(column, ""))))
     return figure
 
 
@@ -191,14 +191,14 @@ def _column(columns: Sequence[str], width: float) -> "tuple[Figure, list[Axes]]"
 
 
 def _label(axes: "Axes", column: str, units: Mapping[str, str]) -> None:
-    axes.set_ylabel(textwrap.fill(said(column_heading(column, units.get(column, ""))), 20))
+    axes.set_ylabel(textwrap.fill(escaped(column_heading(column, units.get(column, ""))), 20))
     axes.grid(alpha=0.3, lw=0.5)
     if column.partition(".")[0] in _ROUND:
         axes.axhline(1.0, color="0.4", lw=0.8)
 
 
 def _value_scale(axes: "Axes", values: "Series[float]") -> None:
-    """Logarithmic where values span more than one such picture shows; a filter that diverges then hides no other."""
+    """Logarithmic if the values are powers of a factor; the values themselves are the ticks while there is room."""
     positive = values[values > 0.0]
     if len(positive) == values.notna().sum() and len(positive) and positive.max() > 30.0 * positive.min():
         axes.set_yscale("log")

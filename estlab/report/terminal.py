@@ -1,4 +1,4 @@
-"""The summary that a person sees: figures, tests, verdicts, who is better; then the path."""
+"""The summary on the terminal: figures, tests, verdicts, ranking; then the path."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
@@ -205,10 +205,10 @@ def _events(found: Findings) -> Iterator[str]:
     """What happened beside errors: found, resampled, gated, diverged."""
     if row := found.row("found", "position"):
         when = found.row("found_time", "position")
-        since = f", from {written('found_time', when.estimate)} s on in the mean" if when else ""
+        since = f", from {written('found_time', when.estimate)} s on average" if when else ""
         yield f"{written('found', row.estimate)} of the runs found the position{since}"
     if ess := found.row("ess"):
-        yield f"{heading('ess')} {written('ess', ess.estimate)} in the mean"
+        yield f"{heading('ess')} {written('ess', ess.estimate)} on average"
     if vanished := found.row("vanished"):
         yield f"all weights vanished at {written('vanished', vanished.estimate)} readings"
     if gated := found.row("gated"):

@@ -19,9 +19,9 @@ _ELLIPSES = 15  # along a path
 
 
 def draw_trajectory(arrays: dict[str, Array], filters: Sequence[str], space: Space, title: str, draw: Draw) -> "Figure":
-    """The path of the first run: truth, estimates, 3-sigma ellipses along them, and what the problem adds.
+    """The path of the first run: truth, estimates, 3-sigma ellipses along them, and the problem's own drawing.
 
-    Of more than three components of a position the first three are shown.
+    If the position has more than three components, the first three are shown.
     """
     from matplotlib.figure import Figure
 
@@ -68,7 +68,7 @@ def _draw_line(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], i
         axes.plot(time, mean, color=colour, lw=1.1, label=short(name) if len(filters) > 1 else "estimate")
         label = "±3 sigma" if len(filters) == 1 else None
         axes.fill_between(time, mean - wide, mean + wide, color=colour, alpha=0.15, lw=0, label=label)
-    # Truth and readings set the scale: neither a filter that diverges nor its uncertainty shall shrink the picture.
+    # Truth and readings determine the scale: neither a diverging filter nor its uncertainty may shrink the picture.
     if np.isfinite(seen).all() and seen[1] > seen[0]:
         room = 0.25 * (seen[1] - seen[0])
         axes.set_ylim(seen[0] - room, seen[1] + room)
@@ -81,8 +81,8 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
     if np.isfinite(truth).any():
         axes.plot(*truth, color=TRUTH, lw=1.6, label="truth")
     steps = np.unique(np.linspace(0, arrays["time"].size - 1, _ELLIPSES).astype(int))
-    # Truth and readings set the scale: neither a filter that diverges nor its uncertainty shall shrink the picture.
-    box = axes.dataLim.get_points().T.copy()  # as it is now: the limits of data move with what is drawn
+    # Truth and readings determine the scale: neither a diverging filter nor its uncertainty may shrink the picture.
+    box = axes.dataLim.get_points().T.copy()  # the limits at this moment: they move with what is drawn
     several = len(filters) > 1
     for name, colour in colours(filters).items():
         path = drawable(path_of(arrays, name, filters, "mean")[pair, :, 0])
@@ -94,7 +94,7 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
     for name, colour in colours(filters).items():
         mean = path_of(arrays, name, filters, "mean")[pair][:, steps, 0]
         cov = path_of(arrays, name, filters, "cov")[pair][:, pair][:, :, steps, 0]
-        # One larger than the picture, as of a prior that is the whole map, would be all that is seen.
+        # An ellipse larger than the picture, such as a prior over the whole map, would hide everything else.
         known = np.isfinite(mean).all(axis=0) & np.isfinite(cov).all(axis=(0, 1))
         fits = np.maximum(cov[0, 0], cov[1, 1]) <= (size / 6.0) ** 2
         left_out += int((known & ~fits).sum())
@@ -114,7 +114,7 @@ def _draw_view(axes: "Axes", arrays: dict[str, Array], filters: Sequence[str], a
 
 
 def within(place: Array, box: Array) -> Array:
-    """A path (2, ...) where it is in a box (2, 2), half as large again, of least and greatest; NaN elsewhere."""
+    """A path (2, ...) where it is in a box (2, 2) of smallest and largest values, enlarged by half; NaN elsewhere."""
     shape = (2, *[1] * (place.ndim - 1))
     low, high = box[:, 0].reshape(shape), box[:, 1].reshape(shape)
     room = 0.25 * (high - low).max()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estlab.report.figures import said, short
+from estlab.report.figures import escaped, short
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ _MANY = 12  # words on an axis
 
 
 def draw(path: Path, keys: "Sequence[str]", objective: str) -> "Figure":
-    """A panel of the trials in turn with the best so far, and one of the objective over each key.
+    """A panel of the trials in order with the best so far, and one of the objective over each key.
 
     path: tuning.csv. Trials without a finite objective are crosses at the top.
     """
@@ -40,8 +40,8 @@ def draw(path: Path, keys: "Sequence[str]", objective: str) -> "Figure":
         axes = figure.add_subplot(grid[1 + i // _ACROSS, i % _ACROSS], sharey=history)
         _slice(axes, table, key)
         if i % _ACROSS == 0:
-            axes.set_ylabel(said(objective))
-    history.set_ylabel(said(objective))
+            axes.set_ylabel(escaped(objective))
+    history.set_ylabel(escaped(objective))
     _scale(history, table)
     return figure
 
@@ -51,7 +51,7 @@ def _history(axes: "Axes", table: "DataFrame") -> None:
     axes.step(table["trial"], table["best"], where="post", lw=1.3, color="C1", label="best so far")
     without = table[table["objective"].isna()]
     if len(without):
-        top = axes.get_xaxis_transform()  # the axis' height, whatever the objective's
+        top = axes.get_xaxis_transform()  # in units of the axis' height, whatever the objective
         axes.plot(without["trial"], np.full(len(without), 0.97), "x", color="C3", transform=top, label="failed")
     axes.set_xlabel("trial")
     axes.grid(alpha=0.3, lw=0.5)
@@ -80,12 +80,12 @@ def _slice(axes: "Axes", table: "DataFrame", key: str) -> None:
             [short(word, 20) for word in words] if len(words) <= _MANY else [""] * len(words),
             rotation=30,
         )
-    axes.set_xlabel(said(key))
+    axes.set_xlabel(escaped(key))
     axes.grid(alpha=0.3, lw=0.5)
 
 
 def _scale(axes: "Axes", table: "DataFrame") -> None:
-    """Logarithmic where a few bad trials would flatten all the good ones."""
+    """Logarithmic if a few bad trials would flatten all the good ones."""
     known = table["objective"].dropna()
     if known.min() > 0.0 and known.max() > 30.0 * known.min():
         axes.set_yscale("log")

@@ -1,4 +1,4 @@
-"""The run directory's contract: its files, how they are read and written, its status and its provenance."""
+"""The contract of the run directory: its files, how to read and write them, its status and its provenance."""
 
 from estlab.rundir.directory import RunDirectory, link_latest
 from estlab.rundir.layout import (

@@ -1,4 +1,4 @@
-"""A directory that one run has to itself: claimed, written, finished."""
+"""The directory of one run: claimed, written, finished."""
 
 import contextlib
 import errno
@@ -21,10 +21,10 @@ from estlab.rundir.sources import sources
 
 
 class RunDirectory:
-    """A directory that one run has to itself. Every file in it is written whole or not at all, through no link."""
+    """A directory that belongs to one run. Every file in it is written whole or not at all, and through no link."""
 
     def __init__(self, path: Path, within: Path | None = None, **facts: Any) -> None:
-        """Claim a directory, which is made if it is not there; facts are for run.json.
+        """Claim a directory, creating it if needed; facts go to run.json.
 
         within: the folder above, such as a sweep's, below which no link is followed; by default the path itself.
 
@@ -36,6 +36,7 @@ class RunDirectory:
         self._began, self._clock = time.time(), time.monotonic()
         self._facts: dict[str, Any] = facts
         self._kept: dict[str, dict[str, str]] = {}
+        self._written: set[str] = set()
         try:
             self._root.mkdir(parents=True, exist_ok=True)
             files.create(self._root, str(self._name / STATUS), status.stamp("running", self._began))
@@ -44,10 +45,8 @@ class RunDirectory:
                 self._held, self._identity = os.dup(handle), os.fstat(handle)
         except FileExistsError as error:
             if not path.is_dir():
-                raise UserError(
-                    f"{path}: a file stands where the run directory should be; set hydra.run.dir or output"
-                ) from error
-            raise UserError(f"{path}: holds a run already; give this one another hydra.run.dir") from error
+                raise UserError(f"{path}: this is a file, not a folder; set hydra.run.dir or output") from error
+            raise UserError(f"{path}: already holds a run; set another hydra.run.dir") from error
         except files.RefusedError as error:
             raise UserError(
                 f"{error.filename}: {error.strerror}; remove it, or set output to another folder"
@@ -72,7 +71,7 @@ class RunDirectory:
 
     @contextmanager
     def logged(self) -> Iterator[None]:
-        """Send what estlab logs and what is warned of to log.txt, and the traceback of whatever is raised."""
+        """Send log records, warnings and the traceback of any exception to log.txt."""
         logger = logging.getLogger("estlab")
         level, propagate, raise_exceptions = logger.level, logger.propagate, logging.raiseExceptions
         logging.raiseExceptions = False  # a full disk is reported once, by the file that matters
@@ -99,24 +98,31 @@ class RunDirectory:
                 logger.propagate, logging.raiseExceptions = propagate, raise_exceptions
 
     def write(self, name: str, write: Callable[[BinaryIO], object]) -> Path:
-        """Write a file of the directory; folders in its name are made.
+        """Write a file of the directory; creates folders in its name.
 
-        Raises OSError where it cannot be written, and where the directory is no longer the one that was claimed.
+        Raises OSError if it cannot be written, or if the directory is no longer the one that was claimed.
         """
         self._must_be_there()
-        return files.write(self._root, str(self._name / name), write)
+        path = files.write(self._root, str(self._name / name), write, sync=False)
+        self._written.add(str(self._name / name))
+        return path
+
+    def sync(self) -> None:
+        """Wait until the disk has everything written so far. Raises OSError if it refuses some of it."""
+        self._must_be_there()
+        files.sync(self._root, sorted(self._written))
 
     def write_text(self, name: str, text: str) -> Path:
         """:meth:`write` for text."""
         return self.write(name, lambda stream: stream.write(text.encode()))
 
     def describe(self, **facts: Any) -> None:
-        """Add to run.json, which says all that is needed to know what ran, on what, and from which data."""
+        """Add to run.json, which records what ran, on what, and from which data."""
         self._facts |= facts
         self.write_text(RUN, json.dumps(self.facts(), indent=2) + "\n")
 
     def facts(self) -> dict[str, Any]:
-        """What run.json says, as of now."""
+        """The current content of run.json."""
         return {
             **provenance.origin(),
             **self._facts,
@@ -126,7 +132,7 @@ class RunDirectory:
         }
 
     def keep_sources(self, packages: Iterable[str]) -> None:
-        """Keep the text of each module of these packages that is imported, as text alone, and its hash in run.json."""
+        """Store the source of each imported module of these packages, as text only, and its hash in run.json."""
         found = [one for one in sources(packages) if one.module not in self._kept]
         for one in found:
             if one.text is not None:
@@ -140,7 +146,7 @@ class RunDirectory:
         link_latest(self.path, root)
 
     def is_there(self) -> bool:
-        """Whether the directory still is the one that was claimed."""
+        """Whether the directory is still the one that was claimed."""
         try:
             with files.folder(self._root, self._name) as handle:
                 return os.path.samestat(os.fstat(handle), self._identity)
@@ -157,9 +163,9 @@ def _write(content: bytes, stream: BinaryIO) -> None:
 
 
 def link_latest(path: Path, root: Path) -> None:
-    """Make ``latest`` in the folder of all runs point to a directory in it. Without symbolic links it goes without.
+    """Make ``latest`` in the folder of all runs point to a directory in it. Does nothing without symbolic links.
 
-    What has the name and is no link is somebody's, and stays.
+    Anything of that name that is not a link belongs to somebody, and stays.
     """
     with contextlib.suppress(OSError):
         if not path.resolve().is_relative_to(root.resolve()):

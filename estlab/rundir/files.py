@@ -1,14 +1,15 @@
-"""The one way into a directory that may be anybody's: regular files of bounded size, read and written through no link.
+"""The only way into a directory from anybody: regular files of bounded size, read and written through no link.
 
-A root is a directory that the user named, and links on the way to it are his own. What lies below it need not be: each
-folder on the way down, and the file itself, must be what it seems. No pipe, device or socket is opened, so none holds
-anybody up. Errors are OSError with the path of what is wrong.
+A root is a directory that the user named, and links on the way to it are the user's own. Anything below it is
+untrusted: each folder on the way down, and the file itself, must be what it seems. No pipe, device or socket is
+opened, so none can block. Errors are OSError with the path of the faulty file.
 """
 
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePath
 from typing import BinaryIO
@@ -22,7 +23,7 @@ LINK = "is a link, which is not followed"
 
 
 class RefusedError(OSError):
-    """What has the name is no regular file or folder, or is too large; strerror says which."""
+    """Something of this name is not a regular file or folder, or is too large; strerror says which."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(errno.EINVAL, why, str(path))
@@ -30,9 +31,9 @@ class RefusedError(OSError):
 
 @contextmanager
 def folder(root: Path, name: str | PurePath = "", make: bool = False) -> Iterator[int]:
-    """A descriptor of a folder below the root, each step on the way to which is a folder and no link.
+    """A descriptor of a folder below the root, reached through folders only, never through a link.
 
-    make: whether those that are missing are made.
+    make: whether to create missing folders.
     """
     handle, at = os.open(root, _FOLDER), root
     try:
@@ -45,7 +46,7 @@ def folder(root: Path, name: str | PurePath = "", make: bool = False) -> Iterato
                     os.mkdir(part, dir_fd=handle)
             facts = _facts(handle, part, at)
             if not stat.S_ISDIR(facts.st_mode):
-                raise RefusedError(at, LINK if stat.S_ISLNK(facts.st_mode) else "is no folder")
+                raise RefusedError(at, LINK if stat.S_ISLNK(facts.st_mode) else "is not a folder")
             below = os.open(part, _FOLDER | os.O_NOFOLLOW, dir_fd=handle)
             os.close(handle)
             handle = below
@@ -56,30 +57,58 @@ def folder(root: Path, name: str | PurePath = "", make: bool = False) -> Iterato
 
 @contextmanager
 def opened(root: Path, name: str, most: int | None = None) -> Iterator[BinaryIO]:
-    """A file to read. most: the bytes that it may have."""
+    """A file opened for reading. most: its maximum number of bytes."""
     with _file(root, name, os.O_RDONLY) as stream:
         if most is not None and os.fstat(stream.fileno()).st_size > most:
-            raise RefusedError(root / name, "is larger than what a run writes")
+            raise RefusedError(root / name, "is larger than any file of a run")
         yield stream
 
 
 def read(root: Path, name: str, most: int) -> bytes:
-    """A file's bytes, of which there may be so many."""
+    """A file's bytes, up to a maximum number."""
     with opened(root, name, most) as stream:
         return stream.read(most + 1)
 
 
-def write(root: Path, name: str, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file whole or not at all; folders in its name are made. What has its name is replaced, not followed."""
+def write(root: Path, name: str, write: Callable[[BinaryIO], object], sync: bool = True) -> Path:
+    """Write a file whole or not at all; creates folders in its name. An existing file is replaced, not followed.
+
+    sync: whether to wait for the disk; see :func:`sync`.
+    """
     path = root / name
     try:
         with folder(root, PurePath(name).parent, make=True) as within:
-            write_whole(Path(path.name), write, within)
+            write_whole(Path(path.name), write, within, sync)
     except RefusedError:
         raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
     return path
+
+
+def sync(root: Path, names: Iterable[str]) -> None:
+    """Wait until the disk has these files: all at once, since it then has them in one go. Those that are gone are not.
+
+    Raises OSError for the first that the disk does not take.
+    """
+    failures: list[OSError] = []
+
+    def wait_for(name: str) -> None:
+        try:
+            with opened(root, name) as stream:
+                os.fsync(stream.fileno())
+        except (FileNotFoundError, RefusedError):
+            pass
+        except OSError as error:
+            failures.append(OSError(error.errno, error.strerror, str(root / name)))
+
+    threads = [threading.Thread(target=wait_for, args=[name]) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if failures:
+        raise failures[0]
 
 
 def write_text(root: Path, name: str, text: str) -> Path:
@@ -88,7 +117,7 @@ def write_text(root: Path, name: str, text: str) -> Path:
 
 
 def create(root: Path, name: str, content: bytes) -> None:
-    """Write a file that must not be there yet; raises FileExistsError if it is."""
+    """Write a file that must not exist; raises FileExistsError if it does."""
     with folder(root, PurePath(name).parent, make=True) as within:
         handle = os.open(PurePath(name).name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FILE, 0o666, dir_fd=within)
         try:
@@ -102,10 +131,10 @@ def create(root: Path, name: str, content: bytes) -> None:
 
 @contextmanager
 def in_place(root: Path, name: str) -> Iterator[BinaryIO]:
-    """A file to read and write as it stands, made if it is not there: for locks, logs, and disks that are full."""
+    """A file to read and write in place, created if needed: for locks, logs, and full disks."""
     with _file(root, name, os.O_RDWR | os.O_CREAT) as stream:
         if os.fstat(stream.fileno()).st_nlink > 1:
-            raise RefusedError(root / name, "has another name elsewhere, and is not written to")
+            raise RefusedError(root / name, "has another name elsewhere, so it is not written to")
         yield stream
 
 
@@ -119,7 +148,7 @@ def is_file(root: Path, name: str) -> bool:
 
 
 def has(root: Path, name: str) -> bool:
-    """Whether anything has the name, if only a link to nowhere."""
+    """Whether anything has the name, even a link to nowhere."""
     try:
         with folder(root, PurePath(name).parent) as within:
             _facts(within, PurePath(name).name, root / name)
@@ -131,13 +160,13 @@ def has(root: Path, name: str) -> bool:
 
 
 def names(root: Path, name: str | PurePath = "") -> list[str]:
-    """What lies in a folder, sorted."""
+    """The content of a folder, sorted."""
     with folder(root, name) as handle, os.scandir(handle) as entries:
         return sorted(entry.name for entry in entries)
 
 
 def remove(root: Path, name: str) -> None:
-    """Remove a file or a link, if it is there."""
+    """Remove a file or a link, if it exists."""
     with suppress(FileNotFoundError), folder(root, PurePath(name).parent) as within:
         os.unlink(PurePath(name).name, dir_fd=within)
 
@@ -156,13 +185,13 @@ def _file(root: Path, name: str, flags: int) -> Iterator[BinaryIO]:
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(path)) from error
     with open(handle, "r+b" if flags & os.O_RDWR else "rb", buffering=0 if flags & os.O_RDWR else -1) as stream:
-        _must_be_regular(os.fstat(handle), path)  # what was looked at may not be what was opened
+        _must_be_regular(os.fstat(handle), path)  # the file that was checked may not be the one that was opened
         yield stream
 
 
 def _must_be_regular(facts: os.stat_result, path: Path) -> None:
     if not stat.S_ISREG(facts.st_mode):
-        raise RefusedError(path, LINK if stat.S_ISLNK(facts.st_mode) else "is no regular file")
+        raise RefusedError(path, LINK if stat.S_ISLNK(facts.st_mode) else "is not a regular file")
 
 
 def _facts(within: int, name: str, path: Path) -> os.stat_result:

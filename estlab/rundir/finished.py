@@ -1,4 +1,4 @@
-"""A run directory read as the data that it is: nothing in it is imported, executed, followed out of it or believed."""
+"""Reads a run directory as untrusted data: nothing in it is imported, executed, followed or trusted."""
 
 import io
 import json
@@ -28,7 +28,7 @@ _DEEPEST = 50
 _UNFINISHED = {
     "alive": "still running",
     "gone": "unfinished, and its process is gone",
-    "unknown": "unfinished, and whether it is still running cannot be seen from here",
+    "unknown": "unfinished; whether it is still running cannot be seen from here",
 }
 
 _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
@@ -36,10 +36,10 @@ _NAME = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*)*")
 
 @dataclass(frozen=True)
 class Finished:
-    """A run's directory, its status, what run.json says, and its configuration as plain data.
+    """A run's directory, its status, the content of run.json, and its configuration as plain data.
 
-    scenario, filter: what they were called, which random numbers hang on; filter is the first of several filters.
-    filters: all of them. changes: what was typed beside these.
+    scenario, filter: their names, which determine random numbers; filter is the first of several filters. filters:
+    all of them. changes: the words typed in addition.
     """
 
     path: Path
@@ -65,7 +65,7 @@ class Finished:
 
 
 def plugins_of(facts: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of the source of each module of plugins, by its name, as run.json has them."""
+    """SHA-256 of the source of each module of plugins, by its name, from run.json."""
     listed = facts.get("plugins")
     modules = [one for one in listed if isinstance(one, Mapping)] if isinstance(listed, list) else []
     return {printable(str(one.get("module")))[:100]: printable(str(one.get("sha256"))) for one in modules[:1000]}
@@ -79,12 +79,12 @@ def is_run(folder: Path) -> bool:
 def read(path: Path) -> Finished:
     """A run directory without its tables.
 
-    Raises UserError, naming the file, for one that cannot be read or is not what a run writes.
+    Raises UserError that names the file if one cannot be read or was not written by a run.
     """
     found, facts, config = status(path), _json(path, rundir.RUN), _config(path)
     file, names = path / rundir.RUN, facts.get("names")
     if not isinstance(names, Mapping) or not {"scenario", "filter"} <= set(names):
-        raise UserError(f"{file}: does not say what its scenario and filter were called; an earlier estlab wrote it")
+        raise UserError(f"{file}: lacks the names of scenario and filter, because an earlier estlab wrote it")
     scenario, filter = (_name(file, names[part]) for part in ("scenario", "filter"))
     several, changes = config.get("filters"), names.get("changes")
     filters = several if isinstance(several, Mapping) and several else (filter,)
@@ -101,18 +101,18 @@ def read(path: Path) -> Finished:
 
 
 def status(path: Path) -> dict[str, Any]:
-    """What status.json says, whose status is one of rundir.STATES.
+    """The content of status.json, whose status is one of rundir.STATES.
 
-    Raises UserError as :func:`read`.
+    Raises UserError like :func:`read`.
     """
     found = _json(path, rundir.STATUS)
     if found.get("status") not in rundir.STATES:
-        raise UserError(f"{path / rundir.STATUS}: has no status that a run writes")
+        raise UserError(f"{path / rundir.STATUS}: contains no status of a run")
     return found | {"status": rundir.state_of(found)}
 
 
 def unfinished(found: Mapping[str, Any]) -> str:
-    """Why a run with this status has no whole result; nothing if it has one, whatever it was expected to find."""
+    """Why a run with this status has no complete result; empty if it has one, whether or not expectations were met."""
     state = str(found["status"])
     if state in rundir.WHOLE:
         return ""
@@ -128,7 +128,7 @@ def table(
 
     all_of_them: whether a table that lacks one of the words is refused; an earlier estlab may have written it.
 
-    Raises UserError, naming the file, for one that is not such a table.
+    Raises UserError that names the file if it is not such a table.
     """
     import pandas as pd
 
@@ -148,21 +148,21 @@ def table(
         )
     except UserError:
         raise
-    except Exception as error:  # pandas has many of its own
-        raise UserError(f"{file}: is no table that a run writes ({' '.join(str(error).split())[:120]})") from error
+    except Exception as error:  # pandas raises many kinds
+        raise UserError(f"{file}: is not a table of a run ({' '.join(str(error).split())[:120]})") from error
 
 
 def array_names(folder: Path, name: str) -> list[str]:
     """The names of the arrays of an .npz file, sorted.
 
-    Raises UserError, naming the file, for one that is not such an archive.
+    Raises UserError that names the file if it is not such an archive.
     """
     with _archive(folder, name) as stream:
         return sorted(_array_names(folder / name, stream))
 
 
 def arrays(folder: Path, name: str) -> Iterator["Array"]:
-    """The arrays of an .npz file, of numbers alone, one at a time in the order of their names; raises the same."""
+    """The arrays of an .npz file, numbers only, one at a time in the order of their names; raises the same."""
     for _, array in _arrays(folder, name, sorted):
         yield array
 
@@ -183,7 +183,7 @@ def _arrays(folder: Path, name: str, ordered: Callable[[list[str]], list[str]]) 
             for key in names:
                 try:
                     found = archive[key]
-                except Exception as error:  # whatever a broken archive makes zipfile and numpy raise
+                except Exception as error:  # whatever zipfile and numpy raise for a broken archive
                     raise UserError(f"{file}: its array {key} cannot be read") from error
                 yield key, found
 
@@ -195,23 +195,23 @@ def _archive(folder: Path, name: str) -> Iterator[BinaryIO]:
 
 
 def _array_names(file: Path, stream: BinaryIO) -> list[str]:
-    """A run stores its arrays as they are, so an archive that is larger unpacked than packed is none of ours."""
+    """A run stores its arrays uncompressed, so an archive that unpacks to more was not written by a run."""
     try:
         size = os.fstat(stream.fileno()).st_size
         with zipfile.ZipFile(stream) as archive:
             members = archive.infolist()
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise UserError(f"{file}: is no archive that a run writes") from error
+        raise UserError(f"{file}: is not an archive of a run") from error
     stored = all(member.compress_type == zipfile.ZIP_STORED for member in members)
     if not stored or sum(member.file_size for member in members) > size:
-        raise UserError(f"{file}: unpacks to more than what a run writes")
+        raise UserError(f"{file}: unpacks to more than any file of a run")
     return [member.filename.removesuffix(".npy") for member in members]
 
 
 def text(folder: Path, name: str, most: int = RECORD_BYTES) -> str:
     """A short text file.
 
-    Raises UserError, naming the file, for one that is not there or too long.
+    Raises UserError that names the file if it is missing or too long.
     """
     try:
         return _content(folder, name, most).decode()
@@ -227,11 +227,11 @@ def _content(folder: Path, name: str, most: int) -> bytes:
 
 @contextmanager
 def _readable(file: Path) -> Iterator[None]:
-    """The body reads this file; raises UserError, naming it, where that does not go."""
+    """The body reads this file; failures become a UserError that names it."""
     try:
         yield
     except FileNotFoundError as error:
-        raise UserError(f"{file}: is not there") from error
+        raise UserError(f"{file}: no such file") from error
     except files.RefusedError as error:
         raise UserError(f"{error.filename}: {error.strerror}") from error
     except OSError as error:
@@ -241,7 +241,7 @@ def _readable(file: Path) -> Iterator[None]:
 def _name(file: Path, name: object) -> str:
     """Names end up in paths."""
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise UserError(f"{file}: {str(name)[:40]!r} is no name of a scenario or filter")
+        raise UserError(f"{file}: {str(name)[:40]!r} is not the name of a scenario or filter")
     return name
 
 
@@ -251,7 +251,7 @@ def _json(folder: Path, name: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise UserError(f"{folder / name}: cannot be read as JSON") from error
     if not isinstance(found, dict):
-        raise UserError(f"{folder / name}: is not what a run writes")
+        raise UserError(f"{folder / name}: was not written by a run")
     return found
 
 
@@ -259,14 +259,14 @@ def plain_yaml(content: str) -> Any:
     """A YAML text as plain data, by the loader that makes nothing else.
 
     Raises ValueError for anything else, for an alias, by which a short file could stand for an endless one, and for
-    what lies deeper than any configuration.
+    values nested deeper than in any configuration.
     """
     depth = 0
     try:
         for event in yaml.parse(content, Loader=yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent) or depth > _DEEPEST:
-                raise ValueError("an alias, or too deep")
+                raise ValueError("an alias, or nested too deep")
         return yaml.safe_load(content)
     except (yaml.YAMLError, RecursionError, OverflowError) as error:
         raise ValueError("not plain YAML") from error

@@ -1,4 +1,4 @@
-"""Which process is at work, told from its zombie, from another with its number, and from one before a reboot."""
+"""Identifies the process at work: not its zombie, another with its number, or one from before a reboot."""
 
 import os
 import platform
@@ -12,18 +12,18 @@ from typing import Any, Literal, NamedTuple
 Life = Literal["alive", "gone", "unknown"]
 
 _PROC = Path("/proc")
-_SLACK = 5.0  # seconds by which a clock that is set meanwhile may be off
+_SLACK = 5.0  # seconds of tolerance, in case a clock is set meanwhile
 
 
 class _Seen(NamedTuple):
-    """A process that is there. began: when, in the system's own words; zombie: dead, but not yet asked for its end."""
+    """A process that exists. began: its start, in the system's own form; zombie: dead, but not yet reaped."""
 
     began: int | str
     zombie: bool
 
 
 def marks() -> dict[str, Any]:
-    """What tells this process from all others, as a status keeps it: number, machine, boot, namespace, beginning."""
+    """The identity of this process, as a status stores it: number, machine, boot, namespace, start."""
     seen = _seen(os.getpid())
     return {
         "pid": os.getpid(),
@@ -35,9 +35,9 @@ def marks() -> dict[str, Any]:
 
 
 def life(marks: Mapping[str, Any]) -> Life:
-    """Whether the process with these marks is alive; unknown where that cannot be seen from here.
+    """Whether the process with this identity is alive; unknown if that cannot be seen from here.
 
-    Those of an earlier estlab, number and machine alone, are taken for a process of Python that was there before the
+    The identity from an earlier estlab, only number and machine, stands for a Python process that existed before the
     run began.
     """
     pid = marks.get("pid")
@@ -46,7 +46,7 @@ def life(marks: Mapping[str, Any]) -> Life:
     if _differ(marks.get("boot"), _boot()):
         return "gone"
     if _differ(marks.get("namespace"), _namespace()):
-        return "unknown"  # its numbers are not ours
+        return "unknown"  # its numbers belong to another namespace
     seen = _seen(pid)
     if seen is None:
         return _by_signal(pid)
@@ -58,16 +58,16 @@ def life(marks: Mapping[str, Any]) -> Life:
 
 
 def _differ(one: object, other: object) -> bool:
-    """Whether two marks are known and not the same."""
+    """Whether two values are known and differ."""
     return one is not None and other is not None and one != other
 
 
 def _seen(pid: int) -> _Seen | None:
-    """A process as the system shows it; None where it does not."""
+    """A process as the system shows it; None if it does not."""
     if not (_PROC / "self/stat").exists():
         return _seen_by_ps(pid)
     try:
-        # The name, in brackets, may hold anything.
+        # The name, in brackets, may contain anything.
         words = (_PROC / str(pid) / "stat").read_bytes().rpartition(b")")[2].split()
         return _Seen(int(words[19]), words[0] in (b"Z", b"X"))
     except (OSError, ValueError, IndexError):
@@ -89,11 +89,11 @@ def _seen_by_ps(pid: int) -> _Seen | None:
 
 def _by_signal(pid: int) -> Life:
     try:
-        os.kill(pid, 0)  # it sends nothing, and asks alone
+        os.kill(pid, 0)  # it sends no signal, it only checks
     except ProcessLookupError:
         return "gone"
     except OSError:
-        return "unknown"  # of another user
+        return "unknown"  # belongs to another user
     return "alive"
 
 
@@ -116,12 +116,12 @@ def _boot() -> str | None:
     try:
         return (_PROC / "sys/kernel/random/boot_id").read_text().strip()
     except OSError:
-        return None  # where there is none, a process's beginning has a date
+        return None  # without it, a process's start is a date
 
 
 @cache
 def _namespace() -> str | None:
-    """The namespace of process numbers, of which a container has its own."""
+    """The namespace of process numbers; a container has its own."""
     try:
         return str((_PROC / "self/ns/pid").readlink())
     except OSError:

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -41,20 +40,22 @@ def digest(path: Path) -> str:
 
 
 def peak_memory() -> int:
-    """The most memory that this process has had, in bytes. The kernel counts in kB, macOS in bytes."""
+    """The peak memory of this process, in bytes. The kernel counts in kB, macOS in bytes."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 
 
 def _version(package: str) -> str | None:
+    from importlib import metadata  # a fifth of what estlab --help takes, which needs no versions
+
     try:
-        return version(package)
-    except PackageNotFoundError:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
         return None
 
 
 def _git_state(checkout: Path) -> dict[str, object] | None:
-    """Commit and whether the tree differs from it, where estlab runs from a checkout; else None."""
+    """The commit, and whether the tree differs from it, if estlab runs from a checkout; otherwise None."""
     if not (checkout / ".git").exists():
         return None
     try:

@@ -1,4 +1,4 @@
-"""Warnings of NumPy, of pictures and of plugins: each is said once and in one line, and none comes raw."""
+"""Warnings of NumPy, of pictures and of plugins: each is reported once, in one line."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from estlab.errors import printable
 
 @contextmanager
 def in_a_line(write: Callable[[str], object]) -> Iterator[None]:
-    """Hand what is warned of to ``write``, where it comes from behind it. Which warnings there are is left as it is."""
+    """Pass warnings to ``say``, with their origin at the end. Does not change which warnings there are."""
     seen: set[str] = set()
 
     def show(message: Any, category: type, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:

@@ -8,25 +8,27 @@ from pathlib import Path
 
 from estlab.errors import UserError
 from estlab.rundir.finished import is_run
+from estlab.rundir.layout import ATTEMPTS
 
-_DEEPEST = 8  # folders between the one named and a run
+_DEEPEST = 8  # folders between the named one and a run
 
-# A sweep's earlier tries at its jobs.
-_PASSED_OVER = ("attempts",)
+# A sweep's earlier attempts at its jobs.
+_PASSED_OVER = (ATTEMPTS,)
 
 
 def run_directories(words: Sequence[str]) -> list[Path]:
     """Each run directory that the words name: itself, one in a folder at any depth, or by a shell pattern; once.
 
-    A folder's links are not followed, since ``latest`` is there beside what it points to; a link that is named is.
+    Links in a folder are not followed, because ``latest`` is beside its target; a link that is named itself is
+    followed.
 
-    Raises UserError for a word that names nothing.
+    Raises UserError for a word that matches nothing.
     """
     found: dict[Path, Path] = {}
     for word in words:
         matches = [Path(word)] if os.path.lexists(word) else sorted(_matches(word), key=lambda p: _natural(str(p)))
         if not matches:
-            raise UserError(f"there is no {word}; name runs, folders that hold some, or a pattern: 'runs/*/*_car_*'")
+            raise UserError(f"there is no {word}; name runs, folders of runs, or a pattern:  'runs/*/*_car_*'")
         for match in matches:
             for run in within(match):
                 found.setdefault(run.resolve(), run)
@@ -38,7 +40,7 @@ def _matches(pattern: str) -> list[Path]:
 
 
 def within(folder: Path, depth: int = 0) -> Iterator[Path]:
-    """The run directories in a folder, or itself; a run's own folders hold none."""
+    """The run directories in a folder, or the folder itself; a run's own folders contain none."""
     if is_run(folder):
         yield folder
     elif depth < _DEEPEST:
@@ -47,7 +49,7 @@ def within(folder: Path, depth: int = 0) -> Iterator[Path]:
 
 
 def folders_in(folder: Path) -> list[Path]:
-    """The folders in a folder that are not links, hidden or a sweep's earlier tries; 2_car before 10_car."""
+    """The folders in a folder that are not links, hidden or a sweep's earlier attempts; 2_car before 10_car."""
     try:
         children = [Path(entry.path) for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False)]
     except OSError:

@@ -1,4 +1,4 @@
-"""The source of plugins that took part in a run: text that is kept and never run again."""
+"""The source of the plugins that took part in a run: text that is stored and never run again."""
 
 import hashlib
 import re
@@ -12,7 +12,7 @@ _NAME = re.compile(r"\w+(\.\w+)*")
 
 
 class PluginSource(NamedTuple):
-    """A module by its dotted name, the file that it was read from, the file's SHA-256 and, if kept, its text."""
+    """A module by its dotted name, the file that it was read from, the file's SHA-256 and, if stored, its text."""
 
     module: str
     file: str
@@ -21,19 +21,19 @@ class PluginSource(NamedTuple):
 
 
 def sources(packages: Iterable[str]) -> list[PluginSource]:
-    """Of each module of these packages that is imported, its file as it is now; the text of Python's, up to a size."""
+    """For each imported module of these packages, its current file, and the text of Python files up to a size."""
     found: list[PluginSource] = []
     room = _ALL_BYTES
     for name in sorted(_imported(packages))[:_MODULES]:
         file = getattr(sys.modules[name], "__file__", None)
         if not isinstance(file, str):
-            continue  # a folder without a module of its own, or one made while the program ran
+            continue  # a folder without its own module, or one made while the program ran
         try:
             if Path(file).stat().st_size > _ALL_BYTES:
                 continue
             content = Path(file).read_bytes()
         except OSError:
-            continue  # gone since it was imported, or in an archive
+            continue  # deleted since it was imported, or in an archive
         kept = file.endswith(".py") and len(content) <= min(room, _MODULE_BYTES)
         room -= len(content) * kept
         found.append(PluginSource(name, file, hashlib.sha256(content).hexdigest(), content if kept else None))

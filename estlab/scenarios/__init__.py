@@ -1,1 +1,1 @@
-"""The problems: one file each says how its truth is made or read, its models and its own pictures."""
+"""The problems. One file each defines how its truth is simulated or read, its models and its own pictures."""

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 SPEED, HEADING, LENGTH = 2, 3, 4  # length and width are the last two
 
-# The state in which a simulated car begins, and within what each run's is uniform about it.
+# The initial state of a simulated car, and the half width of the uniform distribution about it.
 _BEGIN = np.array([90.0, 4.25, 13.0, np.pi, 4.7, 1.85])
 _BEGIN_WITHIN = np.array([1.0, 0.3, 0.5, 0.03, 0.5, 0.15])
 
-# The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, out of its way,
-# past it, round behind it and away.
+# The drive: (until [s], acceleration [m/s^2], turn rate [deg/s]). Toward the sensor, brake, turn aside, pass, turn
+# behind it, drive away.
 _SCRIPT = (
     (3.5, 0.0, 0.0), (6.0, -2.4, 0.0), (7.5, 0.0, -30.0), (9.0, 0.0, 30.0), (11.5, 0.0, 0.0),
     (14.0, 1.0, -20.0), (16.0, 2.5, 0.0), (17.5, 1.0, 20.0), (np.inf, 0.0, 0.0),
@@ -123,8 +123,8 @@ class Car(Scenario):
         recording = problem3.read(Files(folder, prefix, self.file_names, options.names), self.dt, options)
         if self.initial == "drawn" and np.isnan(recording.truth[:, 0]).any():
             raise UserError(
-                "scenario.initial=drawn needs the truth of the first frame, which is not known; take "
-                "scenario.initial=document, which begins at initial_mean"
+                "scenario.initial=drawn needs the truth of the first frame, which is unknown; set "
+                "scenario.initial=document, which starts at initial_mean"
             )
         values = lidar.measure_frames(recording.points, recording.owner, recording.time.size)
         begin = np.stack(vehicle.drive(recording.truth[:, 0], np.empty(0), np.zeros(6), -self.dt))
@@ -161,7 +161,7 @@ class Car(Scenario):
         _draw_rectangles(axes, history.mean[:, chosen], history.colour)
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
-        """The passing seen close: rectangles every half second within 30 m of the LIDAR."""
+        """The passing in close-up: rectangles every half second within 30 m of the LIDAR."""
         from matplotlib.figure import Figure
 
         history = next(iter(histories.values()))
@@ -185,7 +185,7 @@ class Car(Scenario):
 
     @property
     def _has_bound(self) -> bool:
-        """Whether all is drawn from the model, and no size is so near the smallest that its error is not Gaussian."""
+        """Whether everything is drawn from the model, and no size is too close to the smallest for a Gaussian error."""
         room = (_BEGIN - _BEGIN_WITHIN)[LENGTH:] - self.smallest
         whole = (room > 4.0 * np.asarray(self.initial_sd[LENGTH:])).all()
         return self.truth == "model" and self.initial == "drawn" and bool(whole)
@@ -221,8 +221,8 @@ class Car(Scenario):
         cov = diagonal_cov(self.initial_sd)
         if self.initial == "document":
             return Gaussian(np.repeat(np.array(self.initial_mean, dtype=float)[:, None], len(runs), axis=1), cov)
-        # No car is of negative size: of several draws of the initial error, each run takes the first that leaves
-        # length and width at the smallest or more.
+        # A car has no negative size: of several draws of the initial error, each run uses the first that keeps length
+        # and width at or above the smallest.
         errors = normals(streams, "prior", runs, (6, 40))
         candidates = draw(vehicle.SPACE, Gaussian(begin[:, None], cov), errors)
         valid = (candidates[LENGTH:] >= self.smallest).all(axis=0)

@@ -1,4 +1,4 @@
-"""How close the estimates of a robot seen by a camera keep to what was measured; no truth is needed."""
+"""How close a filter's estimates of a robot seen by a camera stay to the measurements; needs no truth."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def closeness(history: History, alpha: Array) -> tuple[float, ...]:
 
 
 def _delay(heading: Array, alpha: Array, time: Array) -> float:
-    """By how much a heading (T,) comes after alpha (T,) [s]: the shift, up to 2 s, that brings them closest."""
+    """The delay of a heading (T,) behind alpha (T,) [s]: the shift, up to 2 s, that brings them closest."""
     known = np.isfinite(heading) & np.isfinite(alpha)
     if known.sum() < 5:
         return np.nan
@@ -39,6 +39,6 @@ def _delay(heading: Array, alpha: Array, time: Array) -> float:
 
 
 def _rms(values: Array) -> float:
-    """The root mean square of what is finite; NaN where nothing is."""
+    """The root mean square of the finite values; NaN if there are none."""
     values = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.nan

@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 X, Y, SPEED, HEADING = range(4)
 
-# The simulated drive, as lively as the filmed one: corners of a tour on the table [cm], each with the speed [cm/s] at
-# which it is made for.
+# The simulated drive, as lively as the filmed one: corners of a tour on the table [cm], each with the speed [cm/s]
+# toward it.
 _TOUR = np.array([[28, 8], [36, 24], [18, 28], [8, 42], [26, 50], [36, 38], [54, 42], [56, 24], [44, 8]]).T
 _SPEED = np.array([6.0, 6.5, 6.0, 4.0, 6.0, 6.5, 6.0, 4.0, 6.0])
-_ARRIVED = 5.0  # [cm] from a corner, the driver makes for the next
-_BEND = 1.0  # [rad/s], as fast as he turns
-_EAGER = 4.0  # [1/s], turn rate for each radian off course, until that fastest
+_ARRIVED = 5.0  # [cm] from a corner at which the robot heads for the next
+_BEND = 1.0  # [rad/s], its fastest turn
+_EAGER = 4.0  # [1/s], turn rate per radian off course, up to the fastest
 _BEGIN = np.array([14.0, 10.0, 7.0, 0.0])
-_BEGIN_WITHIN = np.array([3.0, 3.0, 0.5, 0.2])  # a run's start is uniform within this of the one above
-_SUBSTEPS = 10  # the film has ten frames for each one that is used
+_BEGIN_WITHIN = np.array([3.0, 3.0, 0.5, 0.2])  # a run's start is uniform within this of the start above
+_SUBSTEPS = 10  # frames of the film for each one that is used
 _HEADING_SD = np.radians(10.0)  # of the initial estimate, in the document
 
 
@@ -68,11 +68,11 @@ class Epuck(Scenario):
         check_sds("wobble_sd", self.wobble_sd, 2)
         check_duration(self.duration, self.dt)
         if self.duration < 2.0 * self.dt:
-            raise ValueError(f"duration must hold two steps of dt={self.dt:g} or more, got {self.duration:g}")
+            raise ValueError(f"duration must be at least two steps of dt={self.dt:g}, got {self.duration:g}")
         if np.isnan(cholesky(self._initial_cov())).any():
             raise ValueError(
-                "initial_covariance=document is not a covariance: not positive definite, its x-heading correlation is "
-                f"{self._x_heading_correlation():.2f}; use diagonal, the same without the cross terms"
+                "initial_covariance=document is not a covariance: not positive definite, its x-heading "
+                f"correlation is {self._x_heading_correlation():.2f}; use diagonal, which omits the cross terms"
             )
 
     def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
@@ -117,7 +117,7 @@ class Epuck(Scenario):
     ) -> Record:
         recording = files.read(Files(folder, prefix, self.file_names, options.names))
         fixes = recording.fixes[:, :, None].repeat(len(runs), axis=2)
-        beside = "; alpha, measured too, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
+        beside = "; alpha, also measured, is shown beside the estimates" if np.isfinite(recording.alpha).any() else ""
         record = self._record(np.full((4, *fixes.shape[1:]), np.nan), fixes, recording.alpha, recording.first)
         return replace(
             record,
@@ -128,7 +128,7 @@ class Epuck(Scenario):
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
         if record.time.size < 2:
-            raise UserError("steps must be >= 2: the files need three rows, the first two for the initial estimate")
+            raise UserError("steps must be >= 2: the files need three rows, two of them for the initial estimate")
         kept = slice(record.time.size + 1)
         return files.write(
             files.EpuckRecording(record.extra["fixes"][:, kept], record.extra["alpha"][kept]), folder, prefix
@@ -138,7 +138,7 @@ class Epuck(Scenario):
         axes.plot(*history.values, ".", color="0.6", ms=3, label="camera fixes")
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
-        """How close the first run of each filter keeps to what was measured, and how smoothly; no truth is needed."""
+        """How close the first run of each filter stays to the measurements, and how smoothly; needs no truth."""
         rows = [closeness(history, _until(history)[0]) for history in histories.values()]
         return {
             f"run {next(iter(histories.values())).run}": list(histories),
@@ -186,9 +186,9 @@ class Epuck(Scenario):
         return {"epuck_motion.png": figure}
 
     def _drive(self, streams: Streams, runs: Sequence[int], begin: Array, steps: int, scale: float) -> Array:
-        """A driver who makes for one corner of the tour after another: truth (4, steps, runs).
+        """A robot that heads for one corner of the tour after another: truth (4, steps, runs).
 
-        Every frame of the film is a step, so the robot bends its way between fixes, as the filter's model does not.
+        Every frame of the film is a step, so the robot's path bends between fixes, which the filter's model does not.
         """
         frame = self.dt / _SUBSTEPS
         wobble = normals(streams, "truth", runs, (steps * _SUBSTEPS, 2)) * scale * np.sqrt(frame)
@@ -207,7 +207,8 @@ class Epuck(Scenario):
         return camera.SPACE.plus(truth, np.zeros(1))
 
     def _record(self, truth: Array, fixes: Array, alpha: Array, first: int = 0) -> Record:
-        """The record from the first fix on: it makes the initial estimate, with the second, which is a reading too.
+        """The record from the first fix on. The first two fixes make the initial estimate; the second is also a
+        reading.
 
         first: the number of its frame.
         """
@@ -226,7 +227,8 @@ class Epuck(Scenario):
         )
 
     def _has_bound(self, noise: Scales) -> bool:
-        """Whether all is drawn from the model, and the prior says no less of the start than the first fix tells.
+        """Whether everything is drawn from the model, and the prior knows at least as much about the start as the
+        first fix tells.
 
         The initial covariance has a third of the fix's variance, whatever the scale of the simulated fixes.
         """
@@ -234,7 +236,7 @@ class Epuck(Scenario):
         return self.truth == "model" and as_assumed and noise.measurement_scale**2 >= 1.0 / 3.0
 
     def _initial_cov(self) -> Array:
-        """Document 004, equation 12; its cross terms only where asked for."""
+        """Document 004, equation 12; its cross terms only if requested."""
         place = self.led_sd**2 / 3.0  # the mean of three lights
         cov = np.diag([place, place, 2.0 * place / self.dt**2, _HEADING_SD**2])
         if self.initial_covariance == "document":
@@ -261,12 +263,12 @@ def _unrolled(alpha: Array) -> Array:
 
 
 def _near(heading: Array, about: Array) -> Array:
-    """The headings, as near to others as whole turns allow, so that no line jumps at the cut."""
+    """The headings, shifted by whole turns to be close to others, so that no line jumps at the cut."""
     return about + wrap(heading - about)
 
 
 def _with_room(interval: Array) -> tuple[float, float]:
-    """Limits with half as much room again: where an estimate leaves them, it has left what was measured."""
+    """Limits with half as much room again; an estimate beyond them has left the measurements."""
     low, high = interval
     room = 0.25 * max(high - low, 1e-3)
     return low - room, high + room

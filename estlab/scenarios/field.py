@@ -1,4 +1,4 @@
-"""A robot on a square path that knows its odometry and sees the bearing of one landmark a step. Seed document 001."""
+"""A robot on a square path that knows its odometry and sees the bearing of one landmark per step. Seed document 001."""
 
 import math
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ from estlab.scenarios.scenario import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# The square: so many steps a round, so far a step [cm], and two eighths of a turn at these steps of a round; the
-# second of them on the spot.
+# The square: steps per round, length of a step [cm], and the two steps of a round with two eighths of a turn; the
+# second turn is on the spot.
 _ROUND, _STRIDE = 50, 10.0
 _MOVING_TURN, _STANDING_TURN = 20, 40
 _EIGHTH = np.pi / 4.0
@@ -93,7 +93,7 @@ class Field(Scenario):
         else:
             keys = dict.fromkeys(("start", "prior_sd"), "scenario.prior=known")
             if source == "files":
-                del keys["start"]  # from where the commanded path is drawn
+                del keys["start"]  # the start of the commanded path
         return keys | super().unread(source)
 
     @property
@@ -136,7 +136,7 @@ class Field(Scenario):
         steps = round(self.duration / self.dt)
         command = _square(steps)
         prior = self._belief(len(runs))
-        # Where nothing is known of the start, each run begins somewhere else: a fixed one could flatter a filter.
+        # With an unknown start, each run begins somewhere else: a fixed start could flatter a filter.
         begin = prior.sample(streams.generators("start", runs), 1)[:, 0] if isinstance(prior, Uniform) else prior.mean
         time = self.dt * np.arange(1, steps + 1)
         truth = simulation.walk(streams, runs, self.motion(noise), begin, time, command[:, :, None])
@@ -185,9 +185,10 @@ class Field(Scenario):
         return [evaluation.write(made, folder / f"{prefix}{evaluation.LAYOUT['data'][0]}")]
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
-        """Of a run of a single step, the matrices that its linearisation uses, row by row, as the document works them.
+        """For a run of a single step: the matrices of the linearisation, row by row, as in the document.
 
-        Q of the reading, M of the command, G and V of the motion at the start, H of the reading where the motion leads.
+        Q of the reading, M of the command, G and V of the motion at the start, H of the reading at the predicted
+        pose.
         """
         history = next(iter(histories.values()))
         if self.prior != "known" or history.time.size > 1 or not history.step.size:
@@ -223,7 +224,7 @@ class Field(Scenario):
         values: Array,
         landmark_number: Array,
     ) -> Record:
-        """One reading a step.
+        """One reading per step.
 
         begin (3, runs), command (3, T), truth (3, T, runs), values (1, T, runs); landmark_number (T,).
         """
@@ -246,7 +247,7 @@ class Field(Scenario):
         return Gaussian(np.array(self.start)[:, None].repeat(runs, axis=1), diagonal_cov(self.prior_sd))
 
     def _obeyed(self, pose: Array, command: Array) -> Array:
-        """The path (3, T) from a pose of a robot that does as it is told."""
+        """The path (3, T) from a pose of a robot that follows its commands exactly."""
         path = np.empty(command.shape)
         for k in range(command.shape[1]):
             moved = odometry.turn_move_turn(pose, command[:, k], np.zeros(3), self.dt)

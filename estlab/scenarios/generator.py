@@ -1,7 +1,7 @@
 """Gaussian vectors from standard normal ones, x = A z + b with A A' = P. Seed document 000, problem I.
 
-One step without readings: the prior is the standard normal z, and the motion is the generator. Beside its truth each
-run draws many vectors and follows the errors of their mean and covariance as they become more.
+One step without readings: the prior is the standard normal z, and the motion is the generator. In addition to its
+truth, each run draws many vectors and follows the errors of their mean and covariance as their number grows.
 """
 
 from collections.abc import Sequence
@@ -24,13 +24,13 @@ from estlab.scenarios.scenario import History, Scales, Scenario
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_AT_ONCE = 1_000_000  # vectors in memory, of all runs together
-_STEPS = (1, 2, 5)  # of each decade, where the errors are looked at
+_AT_ONCE = 1_000_000  # vectors in memory, over all runs
+_STEPS = (1, 2, 5)  # in each decade, numbers at which errors are evaluated
 
 
 @dataclass(frozen=True)
 class Generator(Scenario):
-    """Draws from a Gaussian of given mean and covariance, any number of components."""
+    """Samples of a Gaussian with given mean and covariance, with any number of components."""
 
     mean: list[float]
     cov: list[list[float]]
@@ -41,7 +41,7 @@ class Generator(Scenario):
         if n == 0:
             raise ValueError("mean must have at least one number")
         if [len(row) for row in self.cov] != [n] * n:
-            raise ValueError(f"cov must have {n} rows of {n} numbers, as mean has {n}")
+            raise ValueError(f"cov must have {n} rows of {n} numbers, because mean has {n}")
         cov = np.array(self.cov)
         if (cov != cov.T).any() or np.isnan(cholesky(cov)).any():
             raise ValueError("cov must be symmetric and positive definite")
@@ -55,7 +55,7 @@ class Generator(Scenario):
 
     @property
     def sizes(self) -> Array:
-        """Numbers of samples at which errors are looked at: 10, 20, 50, 100, ... and the last."""
+        """Sample sizes at which errors are evaluated: 10, 20, 50, 100, ... and the last."""
         decades = range(1, len(str(self.samples)))
         steps = [step * 10**decade for decade in decades for step in _STEPS if step * 10**decade < self.samples]
         return np.array([*steps, self.samples])
@@ -84,8 +84,8 @@ class Generator(Scenario):
         return replace(record, sums=sums, extra=first)
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
-        """Mean and covariance of the first run's samples, as their number grows by decades, beside what they should be;
-        and how far they are from b and P, root mean squares over the runs, beside what is expected.
+        """Mean and covariance of the first run's samples at each decade, beside the exact values; and the root mean
+        square distances from b and P over the runs, beside their expectations.
         """
         extra = next(iter(histories.values())).extra
         entries = list(zip(*np.triu_indices(len(self.mean)), strict=True))
@@ -145,9 +145,10 @@ class Generator(Scenario):
         for k, size in enumerate(sizes):
             while drawn < size:
                 count = min(size - drawn, max(1, _AT_ONCE // runs))
-                # A vector after another, so that what is drawn does not depend on how many are drawn at once.
+                # One vector after another, so that the vectors do not depend on how many are drawn at once.
                 z = np.swapaxes(generators.normals((count, n)), 0, 1)
-                # Sums are about b: the sample covariance does not depend on it and loses no digits to a far mean.
+                # Sums are taken about b: the sample covariance does not depend on it, and a large mean costs no
+                # digits.
                 off = draw(self.space, belief, z) - belief.mean
                 first, second = first + off.sum(axis=1), second + gram(off)
                 drawn += count

@@ -32,7 +32,7 @@ from estlab.scenarios.scenario import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# The simulated room: fifteen landmarks along its walls and between, and the tour's corners, all in metres.
+# The simulated room: fifteen landmarks along its walls and between, and the corners of the tour, all in metres.
 _LANDMARKS = np.array(
     [
         [-0.6, -4.8], [2.1, -5.4], [5.0, -4.9], [6.3, -2.6], [6.1, 0.4],
@@ -185,7 +185,7 @@ class Landmark(Scenario):
         return mrclam.write(recording, folder, prefix)
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
-        """What would be read at the sightings asked for; else of the sample commands, where each of them ends."""
+        """The readings at the sightings in the configuration; otherwise the end of each sample command."""
         if self.sightings:
             columns = np.array(self.sightings).T
             pose, (x, y) = columns[:3], columns[3:]
@@ -210,7 +210,7 @@ class Landmark(Scenario):
 
     def draw(self, axes: "Axes", history: History) -> None:
         if not history.step.size:
-            return  # a path alone is seen better without the room about it
+            return  # without the room about it, a path is easier to see
         seen = seen_at(history.mean[:, history.step], history.values)
         axes.plot(seen[0], seen[1], ".", color="C1", ms=2, alpha=0.4, label="readings, placed from the estimate")
         axes.plot(history.landmarks[0], history.landmarks[1], "ks", ms=6, label="landmarks")
@@ -236,7 +236,7 @@ class Landmark(Scenario):
         return truth, control
 
     def _readings(self, streams: Streams, runs: Sequence[int], truth: Array, sensor: Sensor) -> Readings:
-        """What is in sight at every few steps, less what is dropped, in as many slots as the busiest run needs."""
+        """What is visible every few steps, minus dropped readings, in as many slots as the busiest run needs."""
         when = np.arange(self.reading_every - 1, truth.shape[1], self.reading_every)
         marks = _LANDMARKS.shape[1]
         shape = (marks, when.size, len(runs))
@@ -257,7 +257,7 @@ class Landmark(Scenario):
         return Readings(when[reading], values[:, slot, reading], order[slot, reading])
 
     def _prior(self, streams: Streams, runs: Sequence[int], begin: Array, sds: Array | None = None) -> Gaussian:
-        """About the start, with initial_sd; with ``sds`` of their own where the start was told from readings."""
+        """A Gaussian about the start, with initial_sd, or with ``sds`` if the start was estimated from readings."""
         cov = diagonal_cov(self.initial_sd if sds is None else np.maximum(self.initial_sd, sds).tolist())
         if self.initial == "truth" or sds is not None:
             return Gaussian(begin, cov)

@@ -1,4 +1,4 @@
-"""A recording among landmarks on one time line: where it starts, what is known of its truth, what is left out."""
+"""A recording among landmarks on one time line: where it starts, where its truth is known, and what is left out."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from estlab.errors import UserError
 from estlab.maths.space import Array
 
 _TOGETHER = 1.0  # [s] within which a robot has hardly moved
-_FEW_KNOWN = 0.2  # of the steps with truth: fewer are not by chance
-_SPREAD = 1.0  # [m] of the landmarks from which a pose is told
+_FEW_KNOWN = 0.2  # of the steps with truth: fewer do not happen by chance
+_SPREAD = 1.0  # [m] between the landmarks from which a pose is estimated
 
 
 @dataclass(frozen=True)
 class Timeline:
     """The steps of a recording, in seconds from its first command on.
 
-    start: [s]; begin: (3,) pose there, and sds: (3,) of its error where it was told from readings, or None where the
-    truth is known. time: (T,); truth: (3, T), NaN where not known; control: (2, T). step: (N,) and taken: (M,) the
-    readings taken, true for N of all M.
+    start: [s]; begin: (3,) pose there, and sds: (3,) of its error if it was estimated from readings, or None if the
+    truth is known. time: (T,); truth: (3, T), NaN where unknown; control: (2, T). step: (N,) and taken: (M,) the
+    readings used, true for N of all M.
     """
 
     start: float
@@ -38,11 +38,11 @@ class Timeline:
 def timeline(
     recording: mrclam.LandmarkRecording, truth_gap: float, clock_gap: float, reading_sds: list[float]
 ) -> Timeline:
-    """The steps from the first time on at which the robot's pose is known.
+    """The steps from the first time at which the robot's pose is known.
 
-    truth_gap: truth is not interpolated over a longer one; clock_gap: no reading counts later after the last command
-    [s]. reading_sds: of range [m] and bearing [rad], for a start without truth.
-    Raises UserError where the files have no time in common.
+    truth_gap: truth is not interpolated over a longer gap; clock_gap: readings later than this after the last command
+    [s] are left out. reading_sds: of range [m] and bearing [rad], for a start without truth.
+    Raises UserError if the files have no time in common.
     """
     origin = float(recording.odometry[0, 0])
     command_time, reading_time = recording.odometry[:, 0] - origin, recording.reading_time - origin
@@ -59,7 +59,7 @@ def timeline(
     if not taken.any():
         raise UserError(
             f"{recording.paths['measurement']}: no reading while the truth is known and "
-            f"{recording.paths['odometry'].name} goes on; do their times agree?"
+            f"{recording.paths['odometry'].name} lasts; do their times agree?"
         )
     time = np.unique(np.concatenate([command_time[moving], reading_time[taken]]))
     before = np.concatenate([[start], time[:-1]])
@@ -77,14 +77,14 @@ def timeline(
 
 
 class _Truth:
-    """What is known of the pose, and where its heading is to be trusted."""
+    """The known truth of the pose, and where its heading is trusted."""
 
     def __init__(self, table: Array, gap: float, origin: float) -> None:
         self._time, self._poses, self._gap, self._origin = table[:, 0], table[:, 1:].T, gap, origin
         self._trusted = trusted_heading(table[:, 0], table[:, 1], table[:, 2], table[:, 3], gap)
 
     def at(self, time: Array) -> Array:
-        """Pose (3, T): NaN over gaps; a heading that is not to be trusted is NaN while the position stays."""
+        """Pose (3, T): NaN over gaps; where the heading is not trusted it is NaN and the position remains."""
         time = time + self._origin
         pose = on_timeline(time, self._time, self._poses, (2,), self._gap)
         good = on_timeline(time, self._time, self._trusted[None].astype(float), (), self._gap)
@@ -92,12 +92,12 @@ class _Truth:
         return pose
 
     def start(self, command_time: Array, recording: mrclam.LandmarkRecording) -> float:
-        """The first time of a command at which all is known."""
+        """The first command time at which the whole pose is known."""
         known = np.isfinite(self.at(command_time)).all(axis=0)
         if not known.any():
             raise UserError(
                 f"{recording.paths['groundtruth']}: no trusted truth at any time of "
-                f"{recording.paths['odometry'].name}; is it another robot's, or of another clock?"
+                f"{recording.paths['odometry'].name}; does it belong to another robot or another clock?"
             )
         return float(command_time[known.argmax()])
 
@@ -105,9 +105,9 @@ class _Truth:
 def _pose_from_readings(
     recording: mrclam.LandmarkRecording, time: Array, in_time: Array, reading_sds: list[float]
 ) -> tuple[float, Array, Array]:
-    """When two landmarks apart are first seen together, the pose that fits them best, and what it is good to.
+    """When two distant landmarks are first seen together, the pose that fits them best, and its accuracy.
 
-    The turn and shift of least squares that lay the points as seen onto the landmarks. Umeyama 1991.
+    The least-squares rotation and translation that map the observed points onto the landmarks. Umeyama 1991.
     """
     usable = np.flatnonzero(in_time)
     for first in usable:
@@ -125,8 +125,8 @@ def _pose_from_readings(
         sds = np.array([across, across, reading_sds[1]])
         return float(time[group[-1]]), np.append(place, heading), sds
     raise UserError(
-        f"{recording.paths['measurement']}: two landmarks more than {_SPREAD:g} m apart are never seen within "
-        f"{_TOGETHER:g} s, so that without truth the start is not known; add the truth's file"
+        f"{recording.paths['measurement']}: two landmarks more than {_SPREAD:g} m apart are never seen "
+        f"within {_TOGETHER:g} s, so the start is unknown without truth; add the file of the truth"
     )
 
 
@@ -140,8 +140,8 @@ def _left_out(
     counts = [f"{early} before the first command"] * bool(early)
     counts += [f"{late} more than {gap:g} s after the last"] * bool(late)
     return (
-        f"{recording.paths['measurement']}: {' and '.join(counts)} of {recording.paths['odometry'].name}, left out of "
-        f"{in_time.size} readings; do their clocks agree?",
+        f"{recording.paths['measurement']}: {' and '.join(counts)} of "
+        f"{recording.paths['odometry'].name}, left out of {in_time.size} readings; do their clocks agree?",
     )
 
 

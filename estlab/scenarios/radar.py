@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SHOWN = 3000  # samples drawn: enough to see their shape
+_SHOWN = 3000  # samples to draw: enough to show their shape
 _INSTEAD = "set scenario.distance_sd or scenario.bearing_sd"
 _MARKERS = "osDv^P*h"
 
 
 @dataclass(frozen=True)
 class Radar(Scenario):
-    """A place seen once by range and bearing, in Cartesian coordinates.
+    """A position measured once by range and bearing, in Cartesian coordinates.
 
-    particles: how many filter=pf takes, if it is not told.
+    particles: the number for filter=pf, unless you set it.
     """
 
     case: Literal["i", "ii"]
@@ -58,7 +58,7 @@ class Radar(Scenario):
 
     @property
     def exact(self) -> Gaussian:
-        """Mean (2,) and covariance (2, 2) of the place, in closed form."""
+        """Mean (2,) and covariance (2, 2) of the position, in closed form."""
         return polar.exact_moments(self.distance, self.bearing, self.distance_sd, self.bearing_sd[self.case])
 
     def motion(self, noise: Scales) -> Motion:
@@ -119,14 +119,14 @@ class Radar(Scenario):
 
 
 def _sample_moments(extra: dict[str, Array], about: Array) -> Gaussian:
-    """Mean and unbiased covariance from sums taken about a point; no covariance of a single sample."""
+    """Mean and unbiased covariance from sums about a point; no covariance for a single sample."""
     count, shift = int(extra["count"]), extra["first"] / extra["count"]
     free = count - 1 if count > 1 else np.nan
     return Gaussian(about + shift, (extra["second"] - count * np.outer(shift, shift)) / free)
 
 
 def _draw_beliefs(axes: "Axes", beliefs: dict[str, Gaussian], colours: Sequence[str], size: float) -> None:
-    """Means and ellipses, the first filled black. Those that coincide stay in sight: each ring is wider than the next
+    """Means and ellipses, the first filled black. Coinciding ones stay visible: each ring is wider than the next,
     is, each marker smaller than the next.
     """
     for i, ((name, belief), colour) in enumerate(zip(beliefs.items(), colours, strict=True)):
@@ -137,12 +137,12 @@ def _draw_beliefs(axes: "Axes", beliefs: dict[str, Gaussian], colours: Sequence[
         face = "black" if i == 0 else "none"
         grown = size * (0.6 if i == 0 else 1.0 + 0.35 * (i - 1))
         axes.plot(*belief.mean[:, None], marker, color=colour, mfc=face, mew=1.4, ms=grown)
-        # One entry for both in the legend.
+        # A single legend entry for both.
         axes.plot([], [], marker=marker, color=colour, mfc=face, mew=1.4, ms=6, lw=width, label=name)
 
 
 def _zoom(axes: "Axes", centre: Array, means: Array) -> None:
-    """The square about a centre that has all of the means (2, N) well inside."""
+    """The square about a centre that contains all means (2, N) with a margin."""
     half = 1.3 * max(float(np.abs(means - centre[:, None]).max()), 1e-6)
     axes.set_xlim(centre[0] - half, centre[0] + half)
     axes.set_ylim(centre[1] - half, centre[1] + half)

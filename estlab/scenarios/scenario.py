@@ -1,4 +1,4 @@
-"""What every problem answers. Adding one is a class with these answers and a YAML file with its numbers."""
+"""The contract of every problem. To add one, write a class with these methods and a YAML file with its numbers."""
 
 import math
 from abc import ABC, abstractmethod
@@ -37,7 +37,7 @@ class Scales:
 @renamed(target="landmark_number", places="landmarks", shown="extra")
 @dataclass(frozen=True)
 class History:
-    """One run as it is drawn: all that a problem's own pictures may use.
+    """One run as it is drawn: everything that a problem's own pictures may use.
 
     time: (T,). truth, mean: (n, T). cov: (n, n, T). step: (N,), values: (m, N), landmark_number: (N,) of the readings.
     landmarks: (p, L). extra: the record's further arrays, and its sums over all runs. run: its number.
@@ -58,12 +58,12 @@ class History:
 
 
 class Scenario(ABC):
-    """A problem: its spaces and models, where its records come from, and how it looks.
+    """A problem: its spaces and models, where its records come from, and how it is drawn.
 
-    of_simulation, of_recordings: its keys that simulated data alone, or files alone, are made with.
-    file_names: of its recordings, the names that each kind of file may have, the original's first. Where there are
-    some, :meth:`read` takes estlab.datasets.data_files.Options as its fifth argument.
-    clocks: the keys of data, on times that its files carry, that reading them takes.
+    of_simulation, of_recordings: keys that only simulated data, or only files, use.
+    file_names: the names that each kind of file may have, the original's first. If there are any, :meth:`read` takes
+    estlab.datasets.data_files.Options as its fifth argument.
+    clocks: the keys of data, about times in its files, that reading uses.
     """
 
     of_simulation: ClassVar[Sequence[str]] = ()
@@ -72,24 +72,24 @@ class Scenario(ABC):
     clocks: ClassVar[Sequence[str]] = ()
 
     def unread(self, source: Literal["simulated", "files"]) -> dict[str, str]:
-        """The scenario's keys that a run on data from this source does not read, each with the setting that would."""
+        """The keys that a run on data from this source does not read, each with the setting that would read it."""
         if source == "files":
             return dict.fromkeys(self.of_simulation, "data=simulated")
         return dict.fromkeys(self.of_recordings, "data=files")
 
     @property
     def scheme(self) -> tuple[Literal["sequential", "stacked", "interleaved"], float]:
-        """How several readings at one time are applied, and the pause [s] between them; see estlab.filters.loop."""
+        """How several readings at one time are used, and the pause [s] between them; see estlab.filters.loop."""
         return "sequential", 0.0
 
     @property
     def found_within(self) -> float | None:
-        """The position error, in its unit, within which a lost robot counts as found; None where none is lost."""
+        """The position error, in its unit, within which a lost robot counts as found; None if none is lost."""
         return None
 
     @property
     def lost_beyond(self) -> float | None:
-        """The position error, in its unit, beyond which a run that stays there is lost; None for no limit."""
+        """The position error, in its unit, beyond which a run that stays there to the end is lost; or None."""
         return None
 
     @property
@@ -110,23 +110,23 @@ class Scenario(ABC):
         """Truth and readings of the runs with these numbers."""
 
     def read(self, folder: Path, prefix: str, streams: Streams, runs: Sequence[int]) -> Record:
-        """The recording in a folder, in the original file layout; the runs differ in the prior's error alone.
+        """The recording in a folder, in the original file layout; the runs differ only in the prior's error.
 
-        folder: may be the file itself where one is all there is.
+        folder: may be the file itself if one is enough.
 
         Raises UserError that names the file and the remedy.
         """
         raise UserError(f"{type(self).__name__} reads no files; run it with data=simulated")
 
     def write(self, record: Record, folder: Path, prefix: str) -> list[Path]:
-        """Write run 0 of a record in the original file layout; the files written."""
+        """Write run 0 of a record in the original file layout. Returns the files written."""
         raise UserError(f"{type(self).__name__} has no file layout to write")
 
     def draw(self, axes: "Axes", history: History) -> None:  # noqa: B027 - nothing to add is an answer
-        """Everything in the trajectory picture but truth, estimate and ellipses: readings, landmarks, bodies.
+        """Draw everything in the trajectory picture except truth, estimate and ellipses: readings, landmarks, bodies.
 
-        The axes are of the first two components of the position, or of time and a position of one. Clouds are drawn
-        over the same.
+        The axes show the first two components of the position, or time and a position of one component. Clouds are
+        drawn over the same.
         """
 
     def table(self, histories: dict[str, History]) -> dict[str, list[Any]]:
@@ -134,12 +134,12 @@ class Scenario(ABC):
         return {}
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
-        """Figures of the problem's own by file name, given the first run of each filter."""
+        """Figures of the problem's own by file name, from the first run of each filter."""
         return {}
 
 
 def check_positive(**values: float) -> None:
-    """Raise ValueError, naming the key, for the first value that is not positive and finite."""
+    """Raise ValueError that names the key for the first value that is not positive and finite."""
     for name, value in values.items():
         if not (value > 0.0 and math.isfinite(value)):
             raise ValueError(f"{name} must be > 0 and finite, got {value:g}")

@@ -21,10 +21,10 @@ from estlab.scenarios.scenario import Scales
 def drawn(
     streams: Streams, runs: Sequence[int], motion: Motion, sensor: Sensor, prior: Gaussian, time: Array, control: Array
 ) -> Record:
-    """A record in which each run's start is drawn from the prior, and each step is read once, without landmarks.
+    """A record whose runs start from draws of the prior, with one reading per step and no landmarks.
 
-    prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs). Raises AnswerError for models
-    and arrays that are none.
+    prior: mean (n,) and cov (n, n) at time 0. time: (T,) > 0. control: (c, T, 1 or runs). Raises AnswerError for
+    invalid models and arrays.
     """
     check_motion("motion", motion, motion.space)
     n = motion.space.size
@@ -42,7 +42,7 @@ def drawn(
 def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, time: Array, control: Array) -> Array:
     """Truth (n, T, runs) from the motion model with its noise, from begin (n, runs) at time 0.
 
-    Raises AnswerError for a motion that is none, and arrays that do not go with it.
+    Raises AnswerError for an invalid motion, and for arrays that do not match it.
     """
     check_motion("motion", motion, motion.space)
     n, count = motion.space.size, len(runs)
@@ -71,7 +71,7 @@ def walk(streams: Streams, runs: Sequence[int], motion: Motion, begin: Array, ti
 def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, landmark: Array) -> Array:
     """Readings (m, N, runs) of states (n, N, runs) with the sensor's noise.
 
-    Raises AnswerError for a sensor that is none.
+    Raises AnswerError for an invalid sensor.
     """
     check_sensor("sensor", sensor, sensor.state)
     if states.shape[1]:
@@ -85,7 +85,7 @@ def read(streams: Streams, runs: Sequence[int], sensor: Sensor, states: Array, l
 
 
 def one_prediction(streams: Streams, runs: Sequence[int], motion: Motion, prior: Gaussian) -> Record:
-    """A record of one step without readings: each run's truth is drawn from the prior, which all share, and moved once.
+    """A record of one step without readings: each run's truth is drawn from the common prior and moved once.
 
     prior: mean (n, 1) and cov (n, n).
     """

@@ -1,4 +1,4 @@
-"""A kidnapped robot that hears how far the nearest beacons are. Seed document 000, problem IV."""
+"""A kidnapped robot that measures the distances of the nearest beacons. Seed document 000, problem IV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_GOALS = 64  # places that a simulated robot heads for, one after another, then again from the first
+_GOALS = 64  # places that a simulated robot visits one after another, then again from the first
 _ARRIVED = 1.0  # [m] from such a place
 
 
 @dataclass(frozen=True)
 class Sonar(Scenario):
-    """A robot that knows the map and the beacons but not where it is; simulated, or the document's two files."""
+    """A robot that knows the map and the beacons but not its position; simulated, or the document's two files."""
 
     file_names = problem4.LAYOUT
     of_simulation: ClassVar = ("duration", "speed", "turn_rate", "bounds", "margin", "beacons")
@@ -96,7 +96,7 @@ class Sonar(Scenario):
         )
 
     def sensor(self, noise: Scales, landmarks: Array) -> Sensor:
-        # A reading does not say which beacons it heard, so it is about all of them and about no single place.
+        # A reading does not identify its beacons, so it is about all of them and about no single place.
         cov = noise.measurement_scale**2 * diagonal_cov(self.measurement_sd)
         return Sensor(
             sonar_beams.READING,
@@ -150,7 +150,7 @@ class Sonar(Scenario):
         axes.plot(*history.landmarks, "k^", ms=8, label="beacons")
 
     def pictures(self, histories: dict[str, History]) -> "dict[str, Figure]":
-        """How well each place fits the sonar at three times: what a particle is weighed by."""
+        """How well each place fits the sonar at three times: the likelihood that weights a particle."""
         from matplotlib.figure import Figure
 
         history = next(iter(histories.values()))
@@ -178,7 +178,7 @@ class Sonar(Scenario):
         return {"likelihood.png": figure}
 
     def _wander(self, streams: Streams, runs: Sequence[int], steps: int) -> tuple[Array, Array]:
-        """A robot on its way from place to place: truth (3, T, runs), and [ds dth] as it moved (2, T, runs)."""
+        """A robot that drives from place to place: truth (3, T, runs), and [ds dth] as it moved (2, T, runs)."""
         low = np.array([self.bounds[0], self.bounds[2]]) + self.margin
         width = np.array([self.bounds[1], self.bounds[3]]) - self.margin - low
         begin = streams.uniforms("start", runs, (3,))
@@ -191,7 +191,7 @@ class Sonar(Scenario):
             dx, dy = goals[:, goal, every] - pose[:2]
             off = wrap(np.arctan2(dy, dx) - pose[2])
             turn = np.clip(off, -most, most)
-            # Slower the farther off course, so that no place is circled for ever.
+            # Slower the farther off course, so that the robot does not circle a place forever.
             way = self.speed * self.dt * np.maximum(np.cos(off - turn), 0.1)
             moved[:, k] = way, turn
             pose = sonar_beams.SPACE.plus(

@@ -1,7 +1,7 @@
-"""Which words of a sweep.json count without being typed: its directory may come from a stranger.
+"""Decides which words of a sweep.json may be used without being typed: its directory may come from a stranger.
 
-They may choose among what estlab has and set its keys to plain values. All that could name code, a file of
-configuration, or a place that is read at composition, must be typed by who trusts it.
+They may choose among what estlab has and set its keys to plain values. Anything that could name code, a file of
+configuration, or a place that is read during composition, must be typed by someone who trusts it.
 """
 
 import re
@@ -21,15 +21,15 @@ _NAME = re.compile(r"[A-Za-z0-9][\w+-]*", re.ASCII)
 _CHOICE = re.compile(r"[A-Za-z0-9][\w+-]*(/[A-Za-z0-9][\w+-]*)*", re.ASCII)
 # Hydra's own launchers and those of its plugins, which have no file in conf/.
 _LAUNCHERS = ("basic", "joblib", "submitit_local", "submitit_slurm")
-# The keys of a launcher that may be names. An address may not: who answers there sends code.
+# The keys of a launcher that may be names. An address may not: whoever answers there sends code.
 _QUEUES = ("partition", "qos", "account", "constraint")
 _KEYS = {field.name for field in fields(Configuration)} - {"plugins", "part", "parts"}
 
 
 def refused(words: Sequence[str], folders: Sequence[Path]) -> str:
-    """The first of the words that must be typed, as Hydra would take it; nothing if none must.
+    """The first of the words that must be typed, as Hydra would receive it; empty if none must.
 
-    folders: of configuration, that were typed now.
+    folders: of configuration, as typed now.
     """
     return next((word for word in words if not _is_allowed(word, folders)), "")
 
@@ -40,11 +40,11 @@ def _is_allowed(word: str, folders: Sequence[Path]) -> bool:
     try:
         override = OverridesParser.create().parse_override(word)
         values = list(_values(override))
-    except Exception:  # what the parser cannot take is for it to say, of words that are typed
+    except Exception:  # words that the parser cannot read are reported once they are typed
         return False
     key = override.key_or_group
     if override.package is not None:
-        # What filter=[ekf,ukf] becomes.
+        # The form of filter=[ekf,ukf] after preparation.
         placed = re.fullmatch(r"filters\.([\w+-]+)", override.package, re.ASCII)
         return key == "filter" and placed is not None and values == [placed[1]] and placed[1] in options(key, folders)
     if key.startswith("hydra"):
@@ -62,12 +62,12 @@ def _values(override: "Override") -> list[Any]:
     value = override.value()
     if isinstance(value, ChoiceSweep):
         return [override._convert_value(one) for one in value.list]
-    # Numbers, and those names of a group that a pattern matches.
+    # Numbers, and the names of a group that a pattern matches.
     return [] if isinstance(value, RangeSweep | IntervalSweep | Glob) else [value]
 
 
 def _is_choice(value: Any, known: Mapping[str, Path]) -> bool:
-    """Whether this is the plain name of an option that there is, or a list of several."""
+    """Whether this is the plain name of an existing option, or a list of several."""
     if isinstance(value, list):
         return all(isinstance(one, str) and _is_choice(one, known) for one in value)
     return isinstance(value, str) and _CHOICE.fullmatch(value) is not None and value in known

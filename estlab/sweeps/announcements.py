@@ -1,4 +1,4 @@
-"""What a person sees of a sweep before and after its jobs."""
+"""What a sweep prints before and after its jobs."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,8 @@ from estlab.metrics.vocabulary import column_heading, split_column, usual_column
 from estlab.report import grids
 from estlab.report.console import print_line
 from estlab.report.grids import Grid
-from estlab.sweeps import split, state, table
+from estlab.rundir.layout import ATTEMPTS, GROUPS, SWEEP
+from estlab.sweeps import split, table
 from estlab.sweeps.state import Outcome, Planned
 
 _LINES = 40  # rows of a table that are shown
@@ -35,7 +36,7 @@ def plan(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> None:
 
 
 def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
-    """That jobs have fewer parts than were asked for."""
+    """Reports that jobs have fewer parts than requested."""
     fewer = [job for job in planned if job.parts < wanted]
     if fewer:
         most = max(job.parts for job in fewer)
@@ -46,11 +47,11 @@ def fewer_parts(planned: Sequence[Planned], wanted: int) -> None:
 
 
 def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcome]) -> None:
-    """What a sweep that was there already has, and which jobs of it are not as they should be."""
+    """Reports the state of an existing sweep, and which of its jobs are damaged."""
     if all(outcome.state == "left" for outcome in before.values()):
         return
     done = [job for job in planned if before[job.name].whole]
-    rest = "the others run" if len(done) < len(planned) else "nothing is left to run"
+    rest = "the others will run" if len(done) < len(planned) else "nothing is left to run"
     parts = [part.name for job in planned if job not in done for part in split.parts_of(job)]
     ready = sum(before[name].whole for name in parts)
     of_parts = f" and {ready} of {len(parts)} parts of the others" if parts else ""
@@ -59,17 +60,17 @@ def resumed(sweep: Path, planned: Sequence[Planned], before: Mapping[str, Outcom
 
 
 def damaged(before: Mapping[str, Outcome]) -> None:
-    """What of an earlier attempt cannot be used."""
+    """Reports what remains of an earlier attempt and cannot be used."""
     for name, outcome in before.items():
         if outcome.state == "damaged":
-            kept = f"what there is of it is kept in {state.ATTEMPTS}/"
+            kept = f"its files are kept in {ATTEMPTS}/"
             complain(f"job {name}: {outcome.error}; it runs again, {kept}")
 
 
 def summary(
     sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, notes: Sequence[str]
 ) -> None:
-    """A line a job and filter, or a line a group of repeats; every failure, how many of each, and where it all is."""
+    """A line for each job and filter, or for each group of repeats; every failure, the counts, and the directory."""
     rows = jobs = table.job_rows(planned, outcomes)
     keys = [*table.swept_keys(planned), "filter"]
     columns = ["job", *keys, "status"]
@@ -78,7 +79,7 @@ def summary(
         columns = [*(key for key in keys if key != "seed"), "repeats"]
     grids.show(_grid(rows[:_LINES], columns, table.units(outcomes)))
     if len(rows) > _LINES:
-        print_line(f"and {len(rows) - _LINES} rows more in {table.SWEEP if repeats == 1 else table.GROUPS}")
+        print_line(f"and {len(rows) - _LINES} more rows in {SWEEP if repeats == 1 else GROUPS}")
     failures(sweep, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
     for note in notes:
         print_line(f"note: {note}")
@@ -88,14 +89,15 @@ def summary(
 
 
 def differing_plugins(outcomes: Mapping[str, Outcome]) -> list[str]:
-    """A line for each module of plugins whose source is not the same in all jobs that are ok."""
+    """A line for each module of plugins whose source differs between jobs that are ok."""
     hashes: dict[str, Counter[str]] = {}
     for found in outcomes.values():
         for module, digest in found.plugins.items():
             hashes.setdefault(module, Counter())[digest[:12]] += 1
     return [
-        f"the source of {module} is not the same in all jobs (SHA-256 "
-        f"{', '.join(f'{digest} in {count}' for digest, count in counts.items())}); figures may differ because of it"
+        f"the source of {module} differs between jobs (SHA-256 "
+        f"{', '.join(f'{digest} in {count}' for digest, count in counts.items())}); figures may differ "
+        "because of it"
         for module, counts in hashes.items()
         if len(counts) > 1
     ]
@@ -108,7 +110,7 @@ def failures(sweep: Path, outcomes: Sequence[tuple[str, Outcome]]) -> None:
         word = "unmet" if found.whole else "failed"
         print_line(f"{word}: {name}: {found.error} ({sweep / name})")
     if len(failed) > _FAILURES:
-        print_line(f"and {len(failed) - _FAILURES} more, by their status in {table.SWEEP}")
+        print_line(f"and {len(failed) - _FAILURES} more, by their status in {SWEEP}")
 
 
 def _grid(rows: Sequence[table.SweepRow], columns: Sequence[str], units: Mapping[str, str]) -> Grid:

@@ -1,4 +1,4 @@
-"""A job in a process of its own, so that a limit on its time really ends it."""
+"""A job in its own process, so that a time limit really ends it."""
 
 import os
 import pickle
@@ -18,14 +18,14 @@ from estlab.sweeps.job import Job
 
 
 def run_for(job: Job, limit: float) -> int:
-    """Run a job for at most so many seconds, its start included; the exit code. Its status says why it was ended."""
+    """Run a job for at most so many seconds, start included. Returns the exit code. Its status says why it ended."""
     sweep, name = Path(job.sweep), job.name
     alive, held = os.pipe()
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "estlab.sweeps.child", str(alive)],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output,
             pass_fds=[alive], env=environment, start_new_session=True,
         )  # fmt: skip
         os.close(alive)
@@ -43,14 +43,14 @@ def run_for(job: Job, limit: float) -> int:
         finally:
             os.close(held)
         if state.outcome(sweep, name).state in ("left", "running"):
-            said.seek(0)
-            rundir.end(sweep, name, _last_words(process.returncode, said.read().decode(errors="replace")))
+            output.seek(0)
+            rundir.end(sweep, name, _last_words(process.returncode, output.read().decode(errors="replace")))
             return FAILED
         return process.returncode
 
 
 def _kill(process: "subprocess.Popen[bytes]") -> None:
-    """End it and all that it started."""
+    """End the process and all that it started."""
     try:
         os.killpg(process.pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -66,14 +66,14 @@ def _ask_to_end(process: "subprocess.Popen[bytes]") -> None:
         _kill(process)
 
 
-def _last_words(code: int, said: str) -> str:
-    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code} and no status"
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+def _last_words(code: int, output: str) -> str:
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}, but no status"
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     return f"its process ended with {how}" + (f": {lines[-1]}" if lines else "")
 
 
 def main() -> int:
-    """Run the job on standard input, and end when the process that holds the pipe does."""
+    """Run the job from standard input, and end when the process that holds the pipe does."""
     interruptible()
     job: Job = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with, args=[int(sys.argv[1])], daemon=True).start()

@@ -1,4 +1,4 @@
-"""What a tuning may choose from: a key's interval, range or choice in Hydra's grammar, as Optuna takes it."""
+"""What a tuning may choose from: a key's interval, range or choice in Hydra's grammar, in Optuna's form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
     from optuna.distributions import BaseDistribution
 
-_DIGITS = 6  # of a number that is suggested: more would tell nothing, and nobody types them
+_DIGITS = 6  # digits of a suggested number: more would show nothing, and nobody types them
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers from low to high, both included, in steps if there are any."""
+    """Numbers from low to high, both included, optionally in steps."""
 
     key: str
     low: float
@@ -26,7 +26,7 @@ class Numbers:
     log: bool
 
     def distribution(self) -> "BaseDistribution":
-        """As Optuna takes it."""
+        """The distribution in Optuna's form."""
         from optuna.distributions import FloatDistribution, IntDistribution
 
         if self.whole:
@@ -34,7 +34,7 @@ class Numbers:
         return FloatDistribution(self.low, self.high, log=self.log, step=self.step)
 
     def word(self, value: object) -> str:
-        """A suggestion as it is typed."""
+        """A suggestion as a typed word."""
         return str(value) if self.whole else f"{value:.{_DIGITS}g}"
 
 
@@ -46,13 +46,13 @@ class Choices:
     words: tuple[str, ...]
 
     def distribution(self) -> "BaseDistribution":
-        """As Optuna takes it."""
+        """The distribution in Optuna's form."""
         from optuna.distributions import CategoricalDistribution
 
         return CategoricalDistribution(self.words)
 
     def word(self, value: object) -> str:
-        """A suggestion as it is typed."""
+        """A suggestion as a typed word."""
         return str(value)
 
 
@@ -60,9 +60,9 @@ Dimension = Numbers | Choices
 
 
 def dimension(override: "Override") -> Dimension:
-    """What a key with several values may become.
+    """The dimension for a key with several values.
 
-    Raises UserError for what has no value in it.
+    Raises UserError for one without any value.
     """
     from hydra.core.override_parser.types import IntervalSweep, RangeSweep, Sweep
 
@@ -71,11 +71,11 @@ def dimension(override: "Override") -> Dimension:
     if isinstance(sweep, IntervalSweep):
         low, high = sweep.start, sweep.end
         if low is None or high is None or not (low < high and (low > 0 or not log)):
-            raise UserError(f"{word}: an interval goes from low to high" + ", both above zero, for log" * log)
+            raise UserError(f"{word}: write an interval from low to high" + ", both above zero, for log" * log)
         return Numbers(key, float(low), float(high), None, isinstance(low, int) and isinstance(high, int), log)
     words = [angle_as_typed(str(value)) for value in override.sweep_string_iterator()]
     if not words:
-        raise UserError(f"{word}: gives no value")
+        raise UserError(f"{word}: there is no value in it")
     if isinstance(sweep, RangeSweep):
         return _range(key, word, words, log)
     if log:

@@ -13,7 +13,7 @@ from estlab.parallel.pool import can_fork, signals_held
 from estlab.parallel.signals import ENDING
 from estlab.parallel.worker import end_with_parent
 
-_PATIENCE = 5.0  # seconds that a job has to say that it was interrupted
+_PATIENCE = 10.0  # seconds that a job has to say that it was interrupted
 
 Work = Callable[[int], str]
 

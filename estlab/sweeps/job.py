@@ -1,4 +1,4 @@
-"""One job of a sweep: what engines hand to their workers. Its directory says how it went, and nothing else does."""
+"""One job of a sweep, as engines hand it to their workers. Only its directory shows how it went."""
 
 import contextlib
 import io
@@ -18,23 +18,23 @@ from estlab.launch.execute import Request, execute
 from estlab.launch.launcher import OK, USAGE
 from estlab.launch.path_arguments import as_typed
 from estlab.rundir import RunDirectory, process
+from estlab.rundir.layout import OUTPUT
 from estlab.sweeps import state
 from estlab.sweeps.state import Planned
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-OUTPUT = "output.txt"
 
-_EVERY = 0.5  # seconds between looks at the sweep's process
+_EVERY = 0.5  # seconds between checks of the sweep's process
 
-# Hydra's configuration, the standard streams and the log are the process's, so its threads take turns.
+# Hydra's configuration, the standard streams and the log belong to the process, so its threads take turns.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a job needs, as data that any process can be given.
+    """Everything that a job needs, as plain data for any process.
 
     plain: its resolved configuration. words: what is typed for it. hydra_job: what Hydra calls hydra.job of it. alone:
     whether it may take all cores, no other job running beside it.
@@ -67,7 +67,7 @@ class Job:
         return state.fingerprint(self.plain, self.names.scenario, self.names.filter)
 
     def run(self) -> int:
-        """Run in its directory, which must not be there; the exit code. It raises an interruption alone."""
+        """Run in its directory, which must not exist. Returns the exit code. Only an interruption is raised."""
         facts: dict[str, Any] = {"fingerprint": self.fingerprint}
         if parts := self.plain["parts"]:
             took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in parts]
@@ -78,7 +78,7 @@ class Job:
 
 
 def task(config: "DictConfig") -> int:
-    """Run the ready job that one of Hydra's launchers was given; the last attempt's exit code."""
+    """Run the ready job that one of Hydra's launchers was given. Returns the last attempt's exit code."""
     from hydra.core.hydra_config import HydraConfig
 
     from estlab.sweeps import ready
@@ -87,7 +87,7 @@ def task(config: "DictConfig") -> int:
 
 
 def perform(job: Job, ours: bool) -> int:
-    """Run a job, again as often as it may be; the last attempt's exit code.
+    """Run a job, with retries. Returns the last attempt's exit code.
 
     ours: whether this process is there for the sweep alone, and ends with it.
     """
@@ -95,7 +95,7 @@ def perform(job: Job, ours: bool) -> int:
         sweep, name = Path(job.sweep), job.name
         if state.stopped(sweep):
             with contextlib.suppress(OSError):
-                (sweep / name).rmdir()  # Hydra made it; what is not empty stays
+                (sweep / name).rmdir()  # Hydra made it; a folder that is not empty stays
             return OK
         limits = job.plain["sweep"]
         if ours:
@@ -106,7 +106,7 @@ def perform(job: Job, ours: bool) -> int:
                 return OK
             state.set_aside(sweep, name)
             code = _attempt(job, limits["timeout"])
-            if code in (OK, USAGE) or _is_done(job):  # it may be whole and not what was expected
+            if code in (OK, USAGE) or _is_done(job):  # it may be complete and unmet
                 break
         if code != OK and limits["fail_fast"]:
             state.stop(sweep)
@@ -132,14 +132,14 @@ def _text(content: Any) -> str:
 
 
 def _is_ours(launcher: "DictConfig") -> bool:
-    """Whether the worker is there for this sweep alone, and not one of a cluster that somebody else started."""
+    """Whether the worker exists only for this sweep, and does not belong to a cluster that somebody else started."""
     ours = ("BasicLauncher", "JoblibLauncher", "LocalLauncher", "DaskLauncher")
     return str(launcher["_target_"]).endswith(ours) and launcher.get("address") is None
 
 
 @cache
 def _end_with(sweep: Path) -> None:
-    """End this process when that of the sweep has ended, however it did: nobody waits for what its jobs find."""
+    """End this process when the sweep's process has ended, for any reason: nobody waits for the results."""
     marks = state.holder(sweep)
     if marks.get("pid") != os.getpid():
         threading.Thread(target=_end_once_gone, args=[marks], daemon=True).start()
@@ -152,7 +152,7 @@ def _end_once_gone(marks: dict[str, Any]) -> NoReturn:
 
 
 def _is_done(job: Job) -> bool:
-    """Whether another worker, given up for dead, has done it after all."""
+    """Whether another worker, believed dead, has completed it after all."""
     return state.outcome(Path(job.sweep), job.name, job.fingerprint).whole
 
 
@@ -166,7 +166,7 @@ def _attempt(job: Job, limit: float | None) -> int:
 
 @contextmanager
 def _output(directory: RunDirectory) -> Iterator[None]:
-    """What the job prints, kept in a file of its directory: a hundred summaries are no answer to a sweep."""
+    """What the job prints, stored in a file of its directory: nobody wants a hundred summaries of a sweep."""
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

@@ -1,4 +1,4 @@
-"""From the words of a sweep to its jobs, each composed once to know its name and its figures' fingerprint."""
+"""From the words of a sweep to its jobs. Each is composed once to find its name and its fingerprint."""
 
 import os
 import pickle
@@ -14,7 +14,8 @@ from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
 from estlab.launch.composed import described, typed
 from estlab.launch.quoting import angle_as_typed, unquoted
-from estlab.sweeps import split, state
+from estlab.rundir.layout import ATTEMPTS
+from estlab.sweeps import split
 from estlab.sweeps.plan import MOST, combinations
 from estlab.sweeps.state import Planned, fingerprint
 
@@ -25,16 +26,16 @@ if TYPE_CHECKING:
 
     from estlab.config.settings import Names
 
-_FOLDERS = (state.ATTEMPTS.name, split.PARTS, rundir.PLOTS)  # of the sweep itself
-_NAME_BYTES = 240  # of a folder's name, of which systems take 255, with what attempts/ adds
+_FOLDERS = (ATTEMPTS, split.PARTS, rundir.PLOTS)  # of the sweep itself
+_NAME_BYTES = 240  # characters of a folder's name; systems allow 255, with the additions of attempts/
 
 
 def planned(
     context: "HydraContext", config: "DictConfig", words: Sequence[str], limits: SweepSettings
 ) -> list[Planned]:
-    """The jobs of a sweep, in their order.
+    """The jobs of a sweep, in order.
 
-    Raises UserError or Hydra's exceptions for words that cannot all be composed: then no job is begun.
+    Raises UserError or Hydra's exceptions if any word cannot be composed: then no job starts.
     """
     fixed, overrides_of = parsed(context, words)
     swept = {key: _values(override) for key, override in overrides_of.items()}
@@ -61,7 +62,7 @@ def planned(
 
 
 def parsed(context: "HydraContext", words: Sequence[str]) -> "tuple[dict[str, str], dict[str, Override]]":
-    """What every job has, and the keys with several values; what is written later holds.
+    """The words common to all jobs, and the keys with several values; later words override earlier ones.
 
     Raises UserError for keys that a sweep's jobs cannot have.
     """
@@ -74,15 +75,15 @@ def parsed(context: "HydraContext", words: Sequence[str]) -> "tuple[dict[str, st
         fixed.pop(key, None)
         swept.pop(key, None)
         if _bare(key) in ("part", "parts"):
-            raise UserError(f"{word}: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead")
+            raise UserError(f"{word}: a sweep splits its jobs itself; write sweep.split_runs=16 instead")
         if not override.is_sweep_override():
             fixed[key] = word
         elif key.startswith("sweep.") or key == "objective":
-            raise UserError(f"{word}: the keys under sweep are those of the whole sweep; give one value")
+            raise UserError(f"{word}: keys under sweep apply to the whole sweep; give one value")
         else:
             swept[key] = override
     if "plots" not in {_bare(key) for key in [*fixed, *swept]}:
-        fixed["plots"] = "plots=false"  # a sweep's are drawn once, at its end
+        fixed["plots"] = "plots=false"  # a sweep draws its plots once, at its end
     return fixed, swept
 
 
@@ -90,16 +91,16 @@ def _values(override: "Override") -> list[str]:
     word = override.input_line
     if not override.is_discrete_sweep():
         raise UserError(
-            f"{word}: an interval has no list of values; write range(...), or tune it: hydra/sweeper=optuna"
+            f"{word}: an interval is not a list of values; write range(...), or tune it: hydra/sweeper=optuna"
         )
     if getattr(override.value(), "shuffle", False):
-        raise UserError(f"{word}: a sweep's jobs keep their order, so that it can be resumed; leave shuffle out")
+        raise UserError(f"{word}: leave shuffle out; a sweep's jobs keep their order so that you can resume it")
     try:
         values = [angle_as_typed(value) for value in islice(override.sweep_string_iterator(), MOST + 1)]
     except ValueError as error:
         raise UserError(f"{word}: {error}") from error
     if not values:
-        raise UserError(f"{word}: gives no value")
+        raise UserError(f"{word}: there is no value in it")
     return values
 
 
@@ -111,7 +112,7 @@ def composed(
     values: dict[str, str],
     limits: SweepSettings,
 ) -> "tuple[Planned, dict[str, Any], Names]":
-    """A job, its configuration as plain data, and what the user called its parts."""
+    """A job, its configuration as plain data, and the user's names for its parts."""
     from hydra.core.hydra_config import HydraConfig
     from omegaconf import OmegaConf, open_dict, read_write
 
@@ -131,38 +132,38 @@ def composed(
     finally:
         HydraConfig.instance().cfg = before
     _check_folder(name)
-    shown = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
+    resolved = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, names, limits.split_runs)
     ready = pickle.dumps((plain, names, words, hydra_job), pickle.HIGHEST_PROTOCOL)
-    return Planned(number, name, tuple(overrides), shown, mark, parts, ready), plain, names
+    return Planned(number, name, tuple(overrides), resolved, mark, parts, ready), plain, names
 
 
 def _check_folder(name: str) -> None:
-    """Raise UserError where a job's folder would be no folder of its own in the sweep's."""
+    """Raise UserError if a job would not get its own folder inside the sweep's."""
     of_the_sweep = name in _FOLDERS or name.startswith(".") or name.endswith((".json", ".csv", ".html"))
     if not name or of_the_sweep or len(os.fsencode(name)) > _NAME_BYTES:
         raise UserError(
-            f"hydra.sweep.subdir gives a job the folder {name!r}, which it cannot have; "
-            "leave it out, or write it with ${hydra:job.num}"
+            f"hydra.sweep.subdir gives a job the folder {name!r}, which is not possible; leave it out, or "
+            f"include ${{hydra:job.num}}"
         )
 
 
 def _parts(plain: dict[str, Any], names: "Names", most: int) -> int:
-    """In how many parts a job can run: a part has a block of runs at least."""
+    """The number of parts in which a job can run: each part has at least one block of runs."""
     if most == 1:
         return 1
     try:
         return min(most, block_count(build(plain, names)))
     except UserError:
-        return 1  # the job itself will say what is wrong
+        return 1  # the job itself will report what is wrong
 
 
 def whole_seed(seed: object) -> int:
-    """The seed of a configuration. Raises UserError where it is none."""
+    """The seed of a configuration. Raises UserError if it is invalid."""
     whole = int(seed) if isinstance(seed, float) and seed.is_integer() else seed
     if not isinstance(whole, int) or not 0 <= whole < 2**63:
-        raise UserError(f"seed must be a whole number from 0 to 9e18, got {seed!r}")
+        raise UserError(f"seed must be an integer from 0 to 9e18, got {seed!r}")
     return whole
 
 

@@ -6,13 +6,13 @@ from itertools import product
 
 from estlab.errors import UserError
 
-MOST = 1_000_000  # jobs of a sweep
+MOST = 1_000_000  # jobs of a sweep at most
 
 Values = Mapping[str, Sequence[str]]
 
 
 def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
-    """Every combination of the keys' values, the last key's running fastest; zipped keys run together.
+    """Every combination of the keys' values, the last key varying fastest; zipped keys vary together.
 
     Raises UserError for zipped keys that are not swept or have unequal numbers of values, and for more than MOST.
     """
@@ -27,7 +27,7 @@ def combinations(swept: Values, zipped: Sequence[str]) -> list[dict[str, str]]:
             axes.append(pairs)
             placed = True
     if math.prod(map(len, axes)) > MOST:
-        raise UserError(f"a sweep of more than {MOST} jobs; leave out values, or sweep keys in turn")
+        raise UserError(f"a sweep has at most {MOST} jobs; leave out values, or sweep keys one after another")
     found = [{key: value for part in parts for key, value in part.items()} for parts in product(*axes)]
     return [{key: values[key] for key in swept} for values in found]
 
@@ -42,5 +42,5 @@ def _check_zip(swept: Values, zipped: Sequence[str]) -> None:
         raise UserError(f"sweep.zip must name two keys or more, each once, got [{','.join(zipped)}]")
     lengths = {key: len(swept[key]) for key in zipped}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise UserError(f"sweep.zip pairs values, so the keys need equally many: {told}")
+        lengths_of_all = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise UserError(f"sweep.zip pairs values, so the keys need equally many: {lengths_of_all}")

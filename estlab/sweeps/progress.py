@@ -1,4 +1,4 @@
-"""The live line of a sweep and each failure as it happens, read from the jobs' directories, whoever runs them."""
+"""The live line of a sweep and its failures as they happen, read from the jobs' directories, whoever runs them."""
 
 import sys
 import threading
@@ -16,14 +16,14 @@ from estlab.rundir import files
 from estlab.rundir.layout import RECORD_BYTES
 from estlab.sweeps import state
 
-_EVERY = 0.5  # seconds between looks at the directories
-_LINE_EVERY = 30.0  # seconds between lines where there is no terminal
+_EVERY = 0.5  # seconds between checks of the directories
+_LINE_EVERY = 30.0  # seconds between lines without a terminal
 
 
 @contextmanager
 def watched(sweep: Path, total: int) -> Iterator[Callable[[Sequence[str], int], None]]:
-    """Tell of jobs on standard error while the body runs them; it is given what takes which, and how many are done."""
-    # Jobs in this process take sys.stderr for themselves; the line goes on here.
+    """Report on standard error while the body runs the jobs; it is given who runs which jobs, and how many are done."""
+    # Jobs in this process replace sys.stderr; the line continues on the original.
     screen = Console(file=sys.stderr, highlight=False, soft_wrap=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     bar = Progress(
@@ -46,14 +46,14 @@ class _Watch:
     def __init__(self, sweep: Path, total: int, screen: Console, bar: Progress) -> None:
         self.sweep, self.screen, self.bar = sweep, screen, bar
         self.pending: dict[str, None] = {}
-        self.told: set[tuple[str, int]] = set()
+        self.announced: set[tuple[str, int]] = set()
         self.failed: set[str] = set()
         self.done, self.new, self.total = 0, 0, total
-        self.began = self.said = time.monotonic()
+        self.began = self.printed = time.monotonic()
         self.row = bar.add_task(self._words(), total=total)
 
     def expect(self, names: Sequence[str], done: int) -> None:
-        """Look at the directories of these too; so many more were done before."""
+        """Watch the directories of these jobs too; so many more were done before."""
         self.done += done
         self.pending |= dict.fromkeys(names)
 
@@ -73,26 +73,26 @@ class _Watch:
                 self.new += 1
                 del self.pending[name]
                 if found.error:
-                    self._tell(name, found)
-            elif found.state == "failed":  # what cannot be read may be half written yet
+                    self._announce(name, found)
+            elif found.state == "failed":  # an unreadable file may be half written
                 self.failed.add(name)
-                self._tell(name, found)
+                self._announce(name, found)
         self.bar.update(self.row, completed=self.done + len(self.failed), description=self._words())
-        if self.bar.disable and time.monotonic() - self.said > _LINE_EVERY:
-            self.said = time.monotonic()
+        if self.bar.disable and time.monotonic() - self.printed > _LINE_EVERY:
+            self.printed = time.monotonic()
             self.screen.print(Text(f"estlab: sweep, {self._words()}{self._to_go()}"))
 
     def _has_ended(self, name: str) -> bool:
-        """A glance at the text: most jobs of a large sweep have not begun."""
+        """A quick check of the text: most jobs of a large sweep have not started."""
         try:
             return b'"status": "running"' not in files.read(self.sweep, f"{name}/{rundir.STATUS}", RECORD_BYTES)
         except OSError:
             return False
 
-    def _tell(self, name: str, found: state.Outcome) -> None:
+    def _announce(self, name: str, found: state.Outcome) -> None:
         attempt = len(state.attempts(self.sweep, name))
-        if (name, attempt) not in self.told:
-            self.told.add((name, attempt))
+        if (name, attempt) not in self.announced:
+            self.announced.add((name, attempt))
             how = "" if found.whole else " failed"
             self.screen.print(Text(f"estlab: job {name}{how}: {found.error} ({self.sweep / name})"))
 

@@ -1,4 +1,4 @@
-"""estlab's own flags of a sweep, --resume DIR and --dry-run, as the words that Hydra takes."""
+"""estlab's own flags of a sweep, --resume DIR and --dry-run, translated to words that Hydra accepts."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,12 +8,12 @@ from estlab.launch.arguments import CONFIG_DIR, parted, prepared
 from estlab.launch.path_arguments import home
 from estlab.launch.quoting import elements, literal, quoted, unquoted
 
-# Of the sweep there, these have done their part, or are where it lies.
+# Words of that sweep that no longer matter, or that say where it was.
 _DONE_WITH = ("sweep.dir", "hydra.sweep.dir", "sweep.dry_run")
 
 
 def without_own_flags(arguments: Sequence[str]) -> list[str]:
-    """The arguments with --dry-run as a key, and --resume DIR as the words of the sweep there."""
+    """The arguments with --dry-run as a key, and --resume DIR replaced by the words of that sweep."""
     at = [i for i, word in enumerate(arguments) if word.partition("=")[0] == "--resume"]
     if not at:
         return _with_keys(arguments)
@@ -23,7 +23,7 @@ def without_own_flags(arguments: Sequence[str]) -> list[str]:
     if not folder or len(at) > 1 or (folder.startswith("-") and not equals):
         raise UserError("--resume takes the directory of a sweep, once, as in estlab sweep --resume runs/latest")
     if place := next((word for word in more if _key(word) in ("sweep.dir", "hydra.sweep.dir")), ""):
-        raise UserError(f"{place}: --resume says which directory; leave one of them out")
+        raise UserError(f"{place}: --resume already names the directory; leave one of them out")
     return [*_words_of(Path(home(folder)), more), *more]
 
 
@@ -32,7 +32,7 @@ def _with_keys(arguments: Sequence[str]) -> list[str]:
 
 
 def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:
-    """The words of the sweep in a directory, but for those that are typed anew."""
+    """The words of the sweep in a directory, except those that are typed again."""
     from estlab.sweeps.allowed import refused
     from estlab.sweeps.state import plan_of
 
@@ -46,18 +46,18 @@ def _words_of(sweep: Path, more: Sequence[str]) -> list[str]:
         for word in plan["arguments"]
         if _key(word) not in {*given, *_DONE_WITH} and not (engine_too and _key(word).startswith("hydra.launcher."))
     ]
-    # It is the words as Hydra takes them that must be harmless.
+    # The words must be harmless in the form in which Hydra receives them.
     flags, own = parted(prepared(["--multirun", *kept]))
     flags = [
         flag for flag in flags if flag not in ("-m", "--multirun") and not (folders and flag.startswith(CONFIG_DIR))
     ]
     if wrong := next(iter(flags), "") or refused(own, folders):
         raise UserError(
-            f"{sweep}: {wrong} of its command must be typed by who trusts it; add it to this command, "
-            f"or give its whole command again with sweep.dir={sweep}"
+            f"{sweep}: {wrong} of its command is used only if you type it; if you trust it, add it to this "
+            f"command, or type the whole command again with sweep.dir={sweep}"
         )
     if any(map(_is_relative, own)) and Path(plan["folder"]) != Path.cwd():
-        raise UserError(f"{sweep}: its data.path is relative; resume it from {plan['folder']}")
+        raise UserError(f"{sweep}: its data.path is relative; resume it from the folder {plan['folder']}")
     return [*own, f"sweep.dir={quoted(literal(str(sweep.resolve())))}"]
 
 
@@ -66,6 +66,6 @@ def _key(word: str) -> str:
 
 
 def _is_relative(word: str) -> bool:
-    """Whether a word gives data.path by a path that depends on where one stands."""
+    """Whether a word sets data.path to a path relative to the current folder."""
     values = elements(word.partition("=")[2]) if _key(word) == "data.path" else []
     return any(not Path(home(unquoted(value))).is_absolute() for value in values)

@@ -1,4 +1,4 @@
-"""Running what is left of a sweep, by any of Hydra's launchers, until every job has ended or may not be tried again."""
+"""Runs what is left of a sweep, by any of Hydra's launchers, until every job has ended or must not be retried."""
 
 import contextlib
 import errno
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from hydra.types import HydraContext
     from omegaconf import DictConfig
 
-_LOST = "its process ended without a word: it was killed, or memory ran out"
+_LOST = "its process ended without a message: it was killed, or memory ran out"
 
 
 class Rounds:
-    """What is left goes to the launcher whole; what then has not begun, or was lost with its worker, goes again."""
+    """The launcher gets everything that is left. Jobs that did not start, or were lost with their worker, go again."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: SweepSettings) -> None:
         from omegaconf import open_dict, read_write
@@ -39,7 +39,7 @@ class Rounds:
         self.context, self.config, self.sweep, self.limits = context, config, sweep, limits
         with read_write(config), open_dict(config):
             config.hydra.sweep.dir = literal(str(sweep))
-        # Of jobs without a directory, when there is no room for one.
+        # Errors of jobs without a directory, if there is no room for one.
         self.errors: dict[str, str] = {}
         self._forked: Forked | None = None
 
@@ -51,7 +51,7 @@ class Rounds:
             try:
                 perform(job_of(left[number], self.sweep, alone=False), ours=True)
             except Exception as error:
-                return _told(error)
+                return _one_line(error)
             return ""
 
         count = self._workers_of(len(left))
@@ -71,7 +71,7 @@ class Rounds:
         return min(self.limits.workers or (usable if jobs >= usable else 1), jobs)
 
     def run(self, left: list[Planned]) -> None:
-        """Run these jobs. Their directories say how it went, and ``errors`` where there is none.
+        """Run these jobs. Their directories show how it went, and ``errors`` where there is none.
 
         Raises UserError if the launcher itself cannot start.
         """
@@ -98,7 +98,7 @@ class Rounds:
         for job, result in zip(jobs, returns, strict=True):
             if self._has_not_begun(job) and not self._stopped():
                 found = getattr(result, "_return_value", None)
-                self._fail(job, _told(found) if isinstance(found, Exception) else "its launcher never began it")
+                self._fail(job, _one_line(found) if isinstance(found, Exception) else "its launcher never started it")
 
     def _launched(self, jobs: "Sequence[Planned]") -> "Returns[JobReturn]":
         from hydra.core.hydra_config import HydraConfig
@@ -106,7 +106,7 @@ class Rounds:
 
         from estlab.sweeps import ready
 
-        # joblib and submitit ask for a job's name before they have set its configuration.
+        # joblib and submitit ask for a job's name before they set its configuration.
         HydraConfig.instance().set_config(self.config)
         launcher = Plugins.instance().instantiate_launcher(
             hydra_context=ready.context_of(self.context), task_function=task, config=self.config
@@ -120,27 +120,27 @@ class Rounds:
         return str(self.config.hydra.launcher["_target_"]).endswith("BasicLauncher")
 
     def _not_launched(self, jobs: "Sequence[Planned]", error: Exception) -> None:
-        """The launcher gave up. If it began nothing, the next job may yet go; another engine cannot start at all."""
+        """The launcher gave up. If no job began, the next one may still run; another engine cannot start at all."""
         if not all(self._has_not_begun(job) for job in jobs):
-            return  # a worker died, and with some launchers all of its pool; the rest goes again
+            return  # a worker died, and with some launchers its whole pool; the rest goes again
         if not self._in_turn:
             name = self.config.hydra.runtime.choices["hydra/launcher"]
-            raise UserError(f"hydra/launcher={name} cannot start: {_told(error)}") from error
+            raise UserError(f"hydra/launcher={name} cannot start: {_one_line(error)}") from error
         if len(jobs) == 1:
-            self._fail(jobs[0], _told(error))
+            self._fail(jobs[0], _one_line(error))
             return
         for job in jobs:
             if not self._stopped():
                 self._launch([job])
 
     def _may_go_again(self, job: Planned, deaths: int | None) -> bool:
-        """Whether it never began, or was lost with its worker and is not yet known to be the reason."""
+        """Whether it never began, or was lost with its worker and is not known to be the cause."""
         if job.name in self.errors:
             return False
         return self._has_not_begun(job) if deaths is None else deaths <= max(1, self.limits.retries)
 
     def _is_lost(self, job: Planned) -> bool:
-        """Whether its worker is gone. One that lives on is waited for."""
+        """Whether its worker is gone. A worker that is still alive is waited for."""
         while state.at_work(self.sweep, job.name):
             time.sleep(0.1)
         found = state.outcome(self.sweep, job.name).state
@@ -150,7 +150,7 @@ class Rounds:
         return found in ("running", "interrupted")
 
     def _fail(self, job: Planned, message: str) -> None:
-        """Say in its directory why a job never began, or remember it where there is no room even for that."""
+        """Record in its directory why a job never began, or remember it if there is no room even for that."""
         try:
             rundir.end(self.sweep, job.name, message)
         except OSError:
@@ -163,10 +163,10 @@ class Rounds:
         return state.stopped(self.sweep)
 
 
-def _told(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     if isinstance(error, OSError):
-        # Whatever writes a file says which; an engine has shared memory too.
+        # An error that names a file says which; an engine uses shared memory too.
         unnamed = "shared memory (/dev/shm)" if error.errno == errno.ENOSPC else "the system"
         return f"{error.filename or unnamed}: {error.strerror or error}"
-    said = " ".join(str(error).split())
-    return said if isinstance(error, UserError) else f"{type(error).__name__}: {said}"
+    message = " ".join(str(error).split())
+    return message if isinstance(error, UserError) else f"{type(error).__name__}: {message}"

@@ -1,4 +1,4 @@
-"""A job in parts: its blocks of runs as jobs of their own, and what puts them together to the job's own directory."""
+"""A job in parts: its blocks of runs as separate jobs, and the step that merges them into the job's own directory."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,18 +7,18 @@ from pathlib import Path
 from estlab.sweeps import state
 from estlab.sweeps.state import Outcome, Planned
 
-PARTS = "parts"  # the folder that has a folder for each job
+PARTS = "parts"  # the folder that contains a folder for each job
 
 
 def parts_of(job: Planned) -> list[Planned]:
-    """The parts of a job; none of one that runs whole."""
+    """The parts of a job; empty for one that runs whole."""
     if job.parts == 1:
         return []
     width = len(str(job.parts - 1))
     return [
         Planned(
             number=job.number,
-            # Resumed in another number of parts, these are others.
+            # With another number of parts on resuming, these are other parts.
             name=f"{PARTS}/{job.name}/{which:0{width}}-of-{job.parts}",
             overrides=(*job.overrides, f"part=[{which},{job.parts}]"),
             values=job.values,
@@ -31,12 +31,12 @@ def parts_of(job: Planned) -> list[Planned]:
 
 
 def units(jobs: Sequence[Planned]) -> list[Planned]:
-    """All that is run: each job's parts, then the job."""
+    """Everything that runs: each job's parts, then the job."""
     return [unit for job in jobs for unit in (*parts_of(job), job)]
 
 
 def outcomes(jobs: Sequence[Planned], sweep: Path) -> dict[str, Outcome]:
-    """What the directory of each job and part says. A job that is ok needs its parts no more."""
+    """The outcome in the directory of each job and part. A job that is ok no longer needs its parts."""
     found: dict[str, Outcome] = {}
     for job in jobs:
         own = state.outcome(sweep, job.name, job.fingerprint)
@@ -48,7 +48,7 @@ def outcomes(jobs: Sequence[Planned], sweep: Path) -> dict[str, Outcome]:
 
 
 def whole(job: Planned, outcomes: Mapping[str, Outcome]) -> Outcome:
-    """What became of a job: one that never came to be put together failed if a part did."""
+    """The outcome of a job: one that never got to merging failed if a part did."""
     own = outcomes[job.name]
     if own.state == "left":
         for part in parts_of(job):
@@ -59,7 +59,7 @@ def whole(job: Planned, outcomes: Mapping[str, Outcome]) -> Outcome:
 
 
 def merges(jobs: Sequence[Planned], sweep: Path) -> list[Planned]:
-    """The jobs all of whose parts are ok, each told where they are."""
+    """The jobs whose parts are all ok, with the places of their parts."""
     found = outcomes(jobs, sweep)
     ready = [job for job in jobs if all(found[part.name].whole for part in parts_of(job))]
     return [_merge(job, sweep) for job in ready]

@@ -1,4 +1,4 @@
-"""What is on the disk of a sweep: its plan, its lock, and what each job's directory says of it."""
+"""The state of a sweep on the disk: its plan, its lock, and the outcome in each job's directory."""
 
 import contextlib
 import csv
@@ -22,21 +22,20 @@ from estlab.config.settings import NEITHER, without
 from estlab.errors import UserError, printable
 from estlab.rundir import files, process
 from estlab.rundir.finished import plugins_of
-from estlab.rundir.layout import ARRAY_BYTES, RECORD_BYTES
+from estlab.rundir.layout import ARRAY_BYTES, ATTEMPTS, LOCK, PLAN, RECORD_BYTES, STOP
 
-PLAN, LOCK, STOP, ATTEMPTS = "sweep.json", ".lock", ".stop", PurePath("attempts")
-PARTS_TOOK = "parts_wall_time_s"  # of a job put together from parts, in its run.json
+PARTS_TOOK = "parts_wall_time_s"  # for a job merged from parts, in its run.json
 
-_METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # the most that is read
+_METRICS_BYTES, _PLAN_BYTES = 2**26, 2**28  # bytes to read at most
 
 State = Literal["left", "running", "ok", "unmet", "failed", "interrupted", "damaged"]
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A job of a sweep: its directory's name, what is typed for it, its values of the swept keys, its fingerprint.
+    """A job of a sweep: its directory's name, its typed words, its values of the swept keys, its fingerprint.
 
-    parts: in how many parts it runs, each a job of its own, before they are put together; see estlab.sweeps.split.
+    parts: the number of parts in which it runs, each a separate job, before they merge; see estlab.sweeps.split.
     composed: its configuration, pickled, as a worker is given it (see estlab.sweeps.job). own: the keys in which this
     part, or this job put together from parts, has other values than the configuration that was composed.
     """
@@ -58,7 +57,7 @@ class Planned:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job's directory says: rows are those of metrics.csv, as text; plugins: SHA-256 of each module's source."""
+    """The outcome in a job's directory: rows of metrics.csv, as text; plugins: SHA-256 of each module's source."""
 
     state: State
     error: str = ""
@@ -69,14 +68,15 @@ class Outcome:
 
     @property
     def whole(self) -> bool:
-        """Whether it has all its figures, be they what was expected or not."""
+        """Whether it has all its figures, whether expected or not."""
         return self.state in rundir.WHOLE
 
 
 def fingerprint(plain: Mapping[str, Any], scenario: str, filter: str) -> str:
-    """A hash of all that decides a job's figures: its resolved configuration and the names its randomness hangs on.
+    """A hash of everything that determines a job's figures: its resolved configuration and the names that determine
+    its random numbers.
 
-    Of a part of a job, the job's and which part.
+    For a part of a job, the job's and the part's number.
     """
     decides = without(plain, NEITHER)
     whole = sha256(json.dumps([scenario, filter, decides], sort_keys=True, default=str).encode()).hexdigest()
@@ -89,7 +89,7 @@ def of_part(whole: str, which: int, parts: int) -> str:
 
 
 def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
-    """Read a job's directory. With a fingerprint, it is whole only if it is that job's."""
+    """Read a job's directory. With a fingerprint, it is complete only if it belongs to that job."""
     folder = PurePath(name)
     try:
         stamp = _record(sweep, folder / rundir.STATUS)
@@ -108,10 +108,10 @@ def outcome(sweep: Path, name: str, fingerprint: str | None = None) -> Outcome:
     except (OSError, ValueError, KeyError, TypeError, OverflowError):
         facts, took = {}, None
     if state not in rundir.WHOLE:
-        # What failed late has figures all the same.
+        # A job that failed late still has figures.
         return Outcome(cast(State, state), str(error), code, took, _metrics(sweep, folder) or [])
     if fingerprint is not None and facts.get("fingerprint") != fingerprint:
-        return Outcome("damaged", f"{rundir.RUN} cannot be read, or is of another configuration", 1)
+        return Outcome("damaged", f"{rundir.RUN} cannot be read, or belongs to another configuration", 1)
     if facts.get("part"):
         whole = _is_readable(sweep, folder / rundir.PART)
         return Outcome("ok", "", 0, took) if whole else Outcome("damaged", f"{rundir.PART} cannot be read", 1)
@@ -125,7 +125,7 @@ def _record(sweep: Path, file: PurePath) -> dict[str, Any]:
     try:
         found = json.loads(files.read(sweep, str(file), RECORD_BYTES))
     except RecursionError as error:
-        raise ValueError("nested deeper than what a run writes") from error
+        raise ValueError("nested deeper than anything that a run writes") from error
     if not isinstance(found, dict):
         raise TypeError("not an object")
     return found
@@ -143,18 +143,18 @@ def _metrics(sweep: Path, folder: PurePath) -> list[dict[str, str]] | None:
 
 
 def _is_readable(sweep: Path, archive: PurePath) -> bool:
-    """Whether every array of a .npz is there to its last byte."""
+    """Whether every array of an .npz can be read to its last byte."""
     try:
         with files.opened(sweep, str(archive), ARRAY_BYTES) as stream, zipfile.ZipFile(stream) as stored:
             if any(member.compress_type != zipfile.ZIP_STORED for member in stored.infolist()):
-                return False  # a part has its arrays as they are; what unpacks to more is none
+                return False  # a part stores its arrays uncompressed; one that unpacks to more is invalid
             return stored.testzip() is None
     except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
         return False
 
 
 def at_work(sweep: Path, name: str) -> int | None:
-    """The process that runs a job at this moment on this machine, if its directory says so and the process lives."""
+    """The process that is running a job on this machine, if its directory says so and the process is alive."""
     try:
         stamp = _record(sweep, PurePath(name) / rundir.STATUS)
     except (OSError, ValueError, TypeError):
@@ -166,25 +166,25 @@ def at_work(sweep: Path, name: str) -> int | None:
 def set_aside(sweep: Path, name: str, whatever: bool = False) -> None:
     """Move what an earlier attempt at a job left to attempts/<job>.<number>, so that nothing is lost or mixed.
 
-    What stands in the job's place and is no directory of a run, as a link, goes there too. whatever: a folder that no
-    run has begun in as well.
+    Anything else in the job's place that is not a run directory, such as a link, moves too. whatever: moves even a
+    folder in which no run has begun.
 
-    Raises OSError where a folder on the way is a link.
+    Raises OSError if a folder on the way is a link.
     """
     place = PurePath(name)
     with contextlib.suppress(FileNotFoundError), files.folder(sweep, place.parent) as above:
         there = stat.S_ISDIR(os.stat(place.name, dir_fd=above, follow_symlinks=False).st_mode)
         if there and not whatever and not files.has(sweep, str(place / rundir.STATUS)):
             return
-        with files.folder(sweep, ATTEMPTS / place.parent, make=True) as kept:
-            taken = set(files.names(sweep, ATTEMPTS / place.parent))
+        with files.folder(sweep, PurePath(ATTEMPTS) / place.parent, make=True) as kept:
+            taken = set(files.names(sweep, PurePath(ATTEMPTS) / place.parent))
             number = next(n for n in itertools.count(1) if f"{place.name}.{n}" not in taken)
             os.rename(place.name, f"{place.name}.{number}", src_dir_fd=above, dst_dir_fd=kept)
 
 
 def attempts(sweep: Path, name: str) -> list[str]:
-    """The names of a job's earlier attempts, as they are seen from the sweep, in their order."""
-    place = ATTEMPTS / PurePath(name)
+    """The names of a job's earlier attempts, relative to the sweep, in order."""
+    place = PurePath(ATTEMPTS) / name
     found = []
     with contextlib.suppress(OSError):
         for entry in files.names(sweep, place.parent):
@@ -195,24 +195,24 @@ def attempts(sweep: Path, name: str) -> list[str]:
 
 
 def stop(sweep: Path) -> None:
-    """Let no other job of the sweep begin."""
+    """Prevent further jobs of the sweep from starting."""
     with contextlib.suppress(FileExistsError):
         files.create(sweep, STOP, b"")
 
 
 def stopped(sweep: Path) -> bool:
-    """Whether no other job shall begin, by fail_fast or since the sweep's directory was removed."""
+    """Whether no further job may start, because of fail_fast or because the sweep's directory was removed."""
     return files.has(sweep, STOP) or is_gone(sweep)
 
 
 def is_gone(sweep: Path) -> bool:
-    """Whether the directory of a sweep that has begun was removed, though another of its name may have been made."""
+    """Whether the directory of a sweep that has begun was removed, even if another of its name was made."""
     return not files.is_file(sweep, PLAN)
 
 
 @contextmanager
 def locked(sweep: Path) -> Iterator[None]:
-    """Hold a sweep's directory for this process alone; the system lets go of it however the process ends.
+    """Lock a sweep's directory for this process; the system releases the lock however the process ends.
 
     Raises UserError if another process holds it.
     """
@@ -236,7 +236,7 @@ def locked(sweep: Path) -> Iterator[None]:
 
 
 def holder(sweep: Path) -> dict[str, Any]:
-    """The marks of the process that holds a sweep's directory; none if nobody does."""
+    """The identity of the process that holds a sweep's directory; empty if none does."""
     try:
         return _record(sweep, PurePath(LOCK))
     except (OSError, ValueError, TypeError):
@@ -244,9 +244,9 @@ def holder(sweep: Path) -> dict[str, Any]:
 
 
 def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
-    """Write the plan of a new sweep, or make sure that the one there is the same.
+    """Write the plan of a new sweep, or check that the existing one is the same.
 
-    tuning: what tells one tuning from another, whose jobs follow from each other and are not known before.
+    tuning: what distinguishes one tuning from another, whose jobs depend on each other and are not known in advance.
     Raises UserError for a directory that holds another sweep or something else.
     """
     if not [path for path in sweep.iterdir() if not path.name.startswith(".")]:
@@ -258,17 +258,17 @@ def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning
     tuned = plan.get("tuning", "")
     if tuned == tuning and (tuning or there == here):
         return
-    told = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
+    what_differs = f"{len(there)} jobs, {len(set(there) & set(here))} of them among the {len(here)} of this one"
     if tuned or tuning:
-        told = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
+        what_differs = f"there: {tuned or 'no tuning'}, here: {tuning or 'no tuning'}"
     raise UserError(
-        f"{sweep}: holds another sweep ({told}); "
+        f"{sweep}: holds another sweep ({what_differs}); "
         "give this one another sweep.dir, or resume that one with estlab sweep --resume"
     )
 
 
 def write_plan(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
-    """Write the words that were typed and the jobs that they make."""
+    """Write the typed words and the jobs that they make."""
     plan: dict[str, Any] = {
         "arguments": list(arguments),
         "folder": str(Path.cwd()),
@@ -288,6 +288,4 @@ def plan_of(sweep: Path) -> dict[str, Any]:
         names = [text for job in jobs for text in (job["name"], job["fingerprint"])]
         if all(isinstance(word, str) for word in [*words, folder, *names]):
             return dict(plan)
-    raise UserError(
-        f"{sweep}: there is no {PLAN} of a sweep that can be read; sweep.dir must be a sweep's or a new one"
-    )
+    raise UserError(f"{sweep}: no readable {PLAN}; sweep.dir must be a sweep's directory or a new one")

@@ -1,4 +1,4 @@
-"""One sweep from its words to its tables: plan, run what is not ok, tell what came of it."""
+"""A sweep from its words to its tables: plans, runs what is not ok, and reports the result."""
 
 import sys
 from collections.abc import Iterable, Sequence
@@ -22,17 +22,17 @@ SOME_FAILED = 3
 
 
 class SweepRunner:
-    """The jobs of a sweep, in one directory, by whatever launcher the configuration names."""
+    """The jobs of a sweep, in one directory, by the launcher that the configuration names."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig") -> None:
         from omegaconf import OmegaConf
 
         self.context, self.config = context, config
         self.limits = sweep_settings(cast(dict[str, object], OmegaConf.to_container(config.sweep, resolve=True)))
-        self.directory = Path(str(config.hydra.sweep.dir)).resolve()  # for workers that stand elsewhere
+        self.directory = Path(str(config.hydra.sweep.dir)).resolve()  # for workers in another folder
 
     def run(self, words: Sequence[str]) -> int:
-        """Run the sweep that these words describe; its exit code.
+        """Run the sweep that these words describe. Returns its exit code.
 
         Raises UserError if nothing can start.
         """
@@ -61,13 +61,13 @@ class SweepRunner:
             table.write_all(self.directory, planned, outcomes, self.limits.repeats)
             notes = self._plots(planned, outcomes)
         except OSError as error:
-            notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
+            notes = [f"{error.filename}: {error.strerror}; free some space and resume, to write what is missing"]
             code = max(code, FAILED)
         notes += announcements.differing_plugins(outcomes)
         announcements.summary(self.directory, planned, outcomes, self.limits.repeats, notes)
         write_page(self.directory)
         if interrupted:
-            complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")
+            complain(f"interrupted; continue with estlab sweep --resume {pasted(self.directory)}")
         return code
 
     def _run_what_is_left(self, work: Work, planned: list[Planned]) -> None:

@@ -1,4 +1,4 @@
-"""The tables of a sweep: a row a job and filter, a row a group of repeats, a row a failure."""
+"""The tables of a sweep: a row for each job and filter, each group of repeats, each failure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -13,14 +13,13 @@ from estlab.metrics.intervals import mean_interval
 from estlab.metrics.moments import SampleMoments
 from estlab.report import csv_tables
 from estlab.rundir import files
+from estlab.rundir.layout import FAILURES, GROUPS, SWEEP
 from estlab.sweeps import split, state
 from estlab.sweeps.state import Outcome, Planned
 
-SWEEP, GROUPS, FAILURES = "sweep.csv", "groups.csv", "failures.csv"
-
 SweepRow = dict[str, str]
 
-VERDICT = "verdict"  # a metric whose component is its value, a word
+VERDICT = "verdict"  # a metric with a word as its component
 
 
 def write_all(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int) -> None:
@@ -35,33 +34,33 @@ def write_all(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Ou
 def draw_all(
     sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome], repeats: int, zipped: Sequence[str]
 ) -> list[str]:
-    """Draw the plots from the tables; what could not be drawn."""
+    """Draw the plots from the tables. Returns messages about those that could not be drawn."""
     from estlab.report import sweep_plots
 
-    shown = sweep / (SWEEP if repeats == 1 else GROUPS)
+    drawn = sweep / (SWEEP if repeats == 1 else GROUPS)
     keys = [key for key in swept_keys(planned) if key != "seed" or repeats == 1]
     keys = [key for key in keys if key not in zipped[1:]]
-    return sweep_plots.draw_all(shown, _common(planned), keys, units(outcomes), partial(_save, sweep))
+    return sweep_plots.draw_all(drawn, _common(planned), keys, units(outcomes), partial(_save, sweep))
 
 
 def swept_keys(planned: Sequence[Planned]) -> list[str]:
-    """The keys with several values, but for the filter, which has a column anyway."""
+    """The keys with several values, except the filter, which always has a column."""
     return [key for key in dict.fromkeys(key for job in planned for key in job.values) if key != "filter"]
 
 
 def _common(planned: Sequence[Planned]) -> str:
-    """What is typed for every job, but for what changes no figure of it."""
+    """The words common to all jobs, except those that change no figure."""
     words = [word for word in planned[0].overrides if all(word in job.overrides for job in planned)]
     return " ".join(words_without(words, NEITHER, RECORD))
 
 
 def job_rows(planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:
-    """The rows of sweep.csv, numbers as the jobs wrote them."""
+    """The rows of sweep.csv, with numbers as the jobs wrote them."""
     rows = []
     for job in planned:
         found = split.whole(job, outcomes)
         values = {key: job.values.get(key, "") for key in swept_keys(planned)}
-        # What goes on elsewhere or was cut off is not done; only this machine knows which.
+        # A job that runs elsewhere or was cut off is not done; only this machine can tell which.
         word = {"running": "left", "interrupted": "left", "damaged": "failed"}.get(found.state, found.state)
         took = "" if found.wall_time is None or not found.whole else repr(found.wall_time)
         by_filter = dict.fromkeys(row["filter"] for row in found.rows) or {job.values.get("filter", ""): None}
@@ -86,7 +85,7 @@ def _metrics(rows: Sequence[Mapping[str, str]]) -> SweepRow:
 
 
 def _squared(rows: Sequence[SweepRow]) -> list[SweepRow]:
-    """Every row with every column, but for columns of intervals in which no row has one."""
+    """Every row with every column, except columns of intervals that are empty in all rows."""
     columns = dict.fromkeys(column for row in rows for column in row)
     kept = [c for c in columns if not c.endswith((".low", ".high")) or any(row.get(c) for row in rows)]
     return [{column: row.get(column, "") for column in kept} for row in rows]
@@ -116,14 +115,14 @@ def group_rows(rows: Sequence[SweepRow], planned: Sequence[Planned]) -> list[Swe
 
 
 def failure_rows(sweep: Path, planned: Sequence[Planned], outcomes: Mapping[str, Outcome]) -> list[SweepRow]:
-    """A row for each attempt at a job or part that failed, those that a later one made good included."""
+    """A row for each failed attempt at a job or part, including those that a later attempt made good."""
     rows = []
     for job in split.units(planned):
         earlier = state.attempts(sweep, job.name)
         tries = [(state.outcome(sweep, place, job.fingerprint), place) for place in earlier]
         for number, (found, place) in enumerate([*tries, (outcomes[job.name], job.name)], 1):
             if found.state in ("failed", "damaged") or (not found.whole and place in earlier):
-                error = found.error or "ended before it had a result"
+                error = found.error or "ended without a result"
                 rows.append(
                     {"job": job.name, "attempt": str(number), "status": found.state, "error": error, "directory": place}
                 )

@@ -19,10 +19,10 @@ from estlab.report import csv_tables, grids
 from estlab.report.console import print_line
 from estlab.report.grids import Grid
 from estlab.rundir import files
+from estlab.rundir.layout import TUNING
 from estlab.sweeps.dimensions import Dimension, Numbers
 from estlab.sweeps.state import Outcome, Planned
 
-TUNING = "tuning.csv"
 _LISTED = 5  # the best trials
 _END = 0.02  # of an interval, near which a value is at its end
 
@@ -97,11 +97,13 @@ def edges(trials: Sequence[Trial], dimensions: Mapping[str, Dimension]) -> list[
                 value = best.job.values[key.lstrip("+")]
                 low, high, at = (math.log(x) if among.log else x for x in (among.low, among.high, float(value)))
                 if min(at - low, high - at) < _END * (high - low):
-                    notes.append(f"{key}={value} is at the end of its interval; a wider one may have better")
+                    notes.append(
+                        f"{key}={value} is at the end of its interval; a wider interval may contain a better value"
+                    )
     return notes
 
 
-def tell(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
+def summary(sweep: Path, trials: Sequence[Trial], objective: Objective, wanted: int, notes: Sequence[str]) -> None:
     """The best trials, the best as a command that can be typed, and where it all is."""
     best = ranked(trials)
     headings = ("trial", *(trials[0].job.values if trials else ()), objective.words)

@@ -1,4 +1,4 @@
-"""Settings chosen by Optuna, each trial a job of a sweep; the trials on the disk, replayed, are the study."""
+"""Settings chosen by Optuna, each trial a job of a sweep. The trials on the disk, replayed, are the study."""
 
 import json
 import sys
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 
 class Tuning:
-    """Trials in rounds of sweep.batch. What Optuna suggests follows from the seed and from what was told before.
+    """Trials in rounds of sweep.batch. Optuna's suggestions follow from the seed and from earlier results.
 
-    So a tuning that was stopped is replayed: the same suggestions, of which those that ended are not run again.
+    So a stopped tuning is replayed: the suggestions are the same, and those that ended do not run again.
     """
 
     def __init__(self, context: "HydraContext", config: "DictConfig") -> None:
@@ -48,7 +48,7 @@ class Tuning:
         self.trials: list[Trial] = []
 
     def run(self, words: Sequence[str]) -> int:
-        """Run the tuning that these words describe; its exit code.
+        """Run the tuning that these words describe. Returns its exit code.
 
         Raises UserError if nothing can start.
         """
@@ -56,16 +56,20 @@ class Tuning:
         self.fixed = list(fixed.values())
         self.dimensions = {key: dimension(override) for key, override in swept.items()}
         if not self.dimensions:
-            raise UserError("nothing to tune: give a key an interval, as noise.filter.process_scale='interval(0.2,5)'")
+            raise UserError(
+                "nothing to tune: give a key an interval, such as noise.filter.process_scale='interval(0.2,5)'"
+            )
         if self.limits.zip or self.limits.repeats > 1:
-            raise UserError("sweep.zip and sweep.repeats are not for tuning; runs=... makes the objective more certain")
+            raise UserError(
+                "tuning does not support sweep.zip and sweep.repeats; raise runs to make the objective more certain"
+            )
         study = self._study()
         first, plain, names = self._suggested(study.ask(self._distributions), 0)
         self._check(plain, names)
         announcements.fewer_parts([first], self.limits.split_runs)
         if self.limits.dry_run:
             announcements.plan([first], split.outcomes([first], self.directory))
-            print(f"the first of {self.limits.trials} trials; the others follow from what it finds")
+            print(f"the first of {self.limits.trials} trials; the others depend on its result")
             return OK
         with opened(self.directory):
             self.mark = self._mark(first)
@@ -83,14 +87,14 @@ class Tuning:
         return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=jobs.whole_seed(self.config.seed) % 2**32))
 
     def _mark(self, first: Planned) -> str:
-        """What decides the suggestions, but for what the trials find: another Optuna may suggest others."""
+        """What determines the suggestions, apart from the results: another version of Optuna may suggest others."""
         import optuna
 
         decides = [first.name, first.fingerprint, repr(self.dimensions), repr(self.objective), self.limits.batch]
         return f"Optuna {optuna.__version__}, {sha256(json.dumps(decides).encode()).hexdigest()[:16]}"
 
     def _check(self, plain: dict[str, Any], names: Names) -> None:
-        """Raise UserError where no trial could have such an objective."""
+        """Raise UserError if no trial could have such an objective."""
         settings, wanted = build(plain, names), self.objective
         space = settings.scenario.space
         components = [*space.names, *(["position"] if space.position else [])]
@@ -99,13 +103,13 @@ class Tuning:
             raise UserError(f"objective: there is no component {wanted.component}{near}")
         filters = [name + end for name in settings.filters for end in ("", SMOOTHED)[: 1 + settings.smooth]]
         if wanted.filter and wanted.filter not in filters and "filter" not in self.dimensions:
-            raise UserError(f"objective: there is no filter {wanted.filter} here, but {', '.join(filters)}")
+            raise UserError(f"objective: there is no filter {wanted.filter} here (one of {', '.join(filters)})")
 
     def _suggested(self, asked: "optuna.Trial", number: int) -> tuple[Planned, dict[str, Any], Names]:
         values = {key: one.word(asked.params[key]) for key, one in self.dimensions.items()}
         chosen = [f"{key}={value}" for key, value in values.items()]
-        shown = {key.lstrip("+"): value for key, value in values.items()}
-        return jobs.composed(self.context, self.config, number, [*self.fixed, *chosen], shown, self.limits)
+        bare = {key.lstrip("+"): value for key, value in values.items()}
+        return jobs.composed(self.context, self.config, number, [*self.fixed, *chosen], bare, self.limits)
 
     def _run(self, units: int, lost: float) -> int:
         rundir.link_latest(self.directory, Path(str(self.config.output)))
@@ -129,7 +133,7 @@ class Tuning:
         planned = [self._suggested(one, number)[0] for one, number in zip(asked, numbers, strict=True)]
         self.trials += [Trial(job) for job in planned]
         before = work.outcomes(planned)
-        # What failed stays so when it is resumed: the trials after it were chosen knowing that.
+        # A failed trial stays failed on resuming: later trials were chosen knowing it.
         open_ones = [job for job in planned if split.whole(job, before).state != "failed"]
         left = [unit for unit in split.units(open_ones) if not before[unit.name].whole]
         work.claim(left)
@@ -160,12 +164,12 @@ class Tuning:
             if self.config.plots:
                 notes += trials.draw(self.directory, self.trials, self.objective)
         except OSError as error:
-            notes = [f"{error.filename}: {error.strerror}; make room and resume, to write what is missing"]
+            notes = [f"{error.filename}: {error.strerror}; free some space and resume, to write what is missing"]
             code = max(code, FAILED)
         notes += announcements.differing_plugins(outcomes)
         announcements.failures(self.directory, [(unit.name, outcomes[unit.name]) for unit in split.units(planned)])
-        trials.tell(self.directory, self.trials, self.objective, self.limits.trials, notes)
+        trials.summary(self.directory, self.trials, self.objective, self.limits.trials, notes)
         write_page(self.directory)
         if interrupted:
-            complain(f"interrupted; estlab sweep --resume {pasted(self.directory)} goes on")
+            complain(f"interrupted; continue with estlab sweep --resume {pasted(self.directory)}")
         return code

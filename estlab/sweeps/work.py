@@ -1,4 +1,4 @@
-"""Jobs, whole or in parts, run in the directory of a sweep that nobody else is at work in."""
+"""Runs jobs, whole or in parts, in the directory of a sweep that no other process is using."""
 
 import errno
 from collections.abc import Iterator, Sequence
@@ -10,6 +10,7 @@ from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.launch.launcher import FAILED
 from estlab.rundir import files
+from estlab.rundir.layout import STOP
 from estlab.sweeps import split, state
 from estlab.sweeps.rounds import Rounds
 from estlab.sweeps.state import Outcome, Planned
@@ -19,36 +20,36 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 
-# Submitit's jobs leave pickles there, and it loads whatever has the name of one: it must be this sweep's own.
+# Submitit's jobs leave pickles there, and it loads any file with such a name: the folder must be this sweep's own.
 _SUBMITIT = ".submitit"
 
 
 class Work:
-    """What is run in a sweep's directory, and what came of it."""
+    """The jobs that run in a sweep's directory, and their outcomes."""
 
     def __init__(self, context: "HydraContext", config: "DictConfig", sweep: Path, limits: SweepSettings) -> None:
         state.set_aside(sweep, _SUBMITIT, whatever=True)
         self.sweep, self.rounds = sweep, Rounds(context, config, sweep, limits)
 
     def outcomes(self, jobs: Sequence[Planned]) -> dict[str, Outcome]:
-        """Of each job and part: what its directory says, or why it has none."""
+        """For each job and part: the outcome in its directory, or why it has none."""
         lost = {name: Outcome("failed", message, FAILED) for name, message in self.rounds.errors.items()}
         return {name: lost.get(name, found) for name, found in split.outcomes(jobs, self.sweep).items()}
 
     def claim(self, units: Sequence[Planned]) -> None:
-        """Make sure that these jobs and parts can be run.
+        """Check that these jobs and parts can run.
 
-        Raises UserError if a worker of an earlier sweep is still at one.
+        Raises UserError if a worker of an earlier sweep is still running one.
         """
         for unit in units:
             if process := state.at_work(self.sweep, unit.name):
                 raise UserError(
-                    f"{self.sweep / unit.name}: process {process}, of an earlier sweep, is still at work on it; "
-                    "wait for it or end it, then resume"
+                    f"{self.sweep / unit.name}: process {process} of an earlier sweep is still at work on it; wait "
+                    "for it or end it, then resume"
                 )
 
     def run(self, units: Sequence[Planned]) -> None:
-        """Run these jobs and parts, then put together the jobs among them whose parts are ok.
+        """Run these jobs and parts, then merge the jobs whose parts are all ok.
 
         Raises UserError if the launcher itself cannot start.
         """
@@ -63,17 +64,17 @@ class Work:
 
     @property
     def stopped(self) -> bool:
-        """Whether a job failed, and no other shall begin (sweep.fail_fast)."""
+        """Whether a job failed and no other may start (sweep.fail_fast)."""
         return state.stopped(self.sweep)
 
     @contextmanager
     def unstopped(self) -> Iterator[None]:
-        """Nothing is stopped at the beginning of the body, nor after it."""
-        files.remove(self.sweep, state.STOP)
+        """Clear the stop before the body and after it."""
+        files.remove(self.sweep, STOP)
         try:
             yield
         finally:
-            files.remove(self.sweep, state.STOP)
+            files.remove(self.sweep, STOP)
 
 
 def _whole(units: Sequence[Planned]) -> list[Planned]:
@@ -83,9 +84,9 @@ def _whole(units: Sequence[Planned]) -> list[Planned]:
 
 @contextmanager
 def opened(sweep: Path) -> Iterator[None]:
-    """A sweep's directory, made if it is not there, for this process alone.
+    """A sweep's directory, created if needed, for this process alone.
 
-    Raises UserError if another process has it, or it cannot be written.
+    Raises UserError if another process has it, or if it cannot be written.
     """
     try:
         sweep.mkdir(parents=True, exist_ok=True)
@@ -97,5 +98,5 @@ def opened(sweep: Path) -> Iterator[None]:
         ) from error
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room or set output to another disk" if full else "give this sweep another sweep.dir"
+        remedy = "free some space, or set output to another disk" if full else "give this sweep another sweep.dir"
         raise UserError(f"{error.filename or sweep}: {error.strerror}; {remedy}") from error

@@ -1,1 +1,1 @@
-"""What a user's problem and filter answer, held to the contracts once, before any work: every slip is one line."""
+"""Checks a user's problem and filter against their contracts, once, before any work. Every fault is one line."""

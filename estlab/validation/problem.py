@@ -1,4 +1,4 @@
-"""A scenario's answers, each held to its contract as it is given."""
+"""Checks each answer of a scenario against its contract."""
 
 import typing
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from estlab.validation.records import check_readings, check_record
 
 
 def models_of(scenario: Scenario, noise: Scales, landmarks: Array) -> tuple[Motion, Sensor]:
-    """Motion and sensor with these noises. Raises AnswerError, naming the function and its field."""
+    """Motion and sensor with these noises. Raises AnswerError that names the function and its field."""
     where = name_of(scenario)
     check_space(f"{where}.space", scenario.space, 1)
     motion = check_motion(f"{where}.motion", scenario.motion(noise), scenario.space)
@@ -37,23 +37,21 @@ def scheme_of(scenario: Scenario) -> tuple[Scheme, float]:
 
 
 def recorded(scenario: Scenario, make: "partial[Any]", runs: int) -> Record:
-    """The record of so many runs that a method of a scenario makes. Raises AnswerError, naming the field."""
+    """The record of so many runs that a scenario's method makes. Raises AnswerError that names the field."""
     where = f"{name_of(scenario)}.{make.func.__name__}"
     try:
         made = make()
-    except AnswerError as error:  # of what the method called
+    except AnswerError as error:  # of the method that was called
         raise AnswerError(f"{name_of(scenario)}.{error}") from error
     record = check_record(where, made, scenario.space, runs)
     if record.origin is not None and np.isnan(record.truth).any():
         k = int(np.isnan(record.truth).any(axis=(0, 2)).argmax())
-        refuse(
-            where, f"truth is NaN from time {record.time[k]:g} on, though it is drawn; look at move and noise_cov there"
-        )
+        refuse(where, f"simulated truth is NaN from time {record.time[k]:g} on; check move and noise_cov there")
     return record
 
 
 def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, filters: Sequence[AnyFilter]) -> None:
-    """Raise AnswerError unless the models that filters assume go with a record, and answer from its start on."""
+    """Raise AnswerError unless the models that filters assume match a record, and work from its start on."""
     where = name_of(scenario)
     check_readings(f"{where}: record", record.readings, sensor.space, sensor.landmarks)
     begin = record.prior.fitted()
@@ -66,5 +64,5 @@ def check(scenario: Scenario, motion: Motion, sensor: Sensor, record: Record, fi
 
 
 def name_of(thing: Any) -> str:
-    """A user's object by its class, as it is written in a configuration."""
+    """A user's object, named by its class as a configuration writes it."""
     return f"{type(thing).__module__}.{type(thing).__qualname__}"

@@ -1,4 +1,4 @@
-"""A record held to its contract: one time line, readings in its order, a prior that is a belief."""
+"""Checks a record against its contract: one time line, readings in its order, a prior that is a belief."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +14,13 @@ from estlab.record import Readings, Record
 
 
 def check_record(where: str, record: Any, state: Space, runs: int) -> Record:
-    """The record of so many runs. Raises AnswerError that names the field."""
+    """Check the record of so many runs. Raises AnswerError that names the field."""
     instance(where, "returned", record, Record)
     _check_time(where, record)
     n, steps = state.size, record.time.size
     numbers(where, "truth is", record.truth, (n, steps, runs), finite=False)
     if np.isinf(record.truth).any():
-        refuse(where, "truth is infinite in places; it is NaN where it is not known")
+        refuse(where, "truth is infinite in places; write NaN where it is unknown")
     if not isinstance(record.control, np.ndarray) or record.control.ndim != 3:
         refuse(where, f"control is {kind(record.control)}; must be an array (c, {steps}, {runs} or 1)")
     c = record.control.shape[0]
@@ -36,7 +36,7 @@ def check_record(where: str, record: Any, state: Space, runs: int) -> Record:
 
 
 def check_readings(where: str, readings: Readings, reading: Space, landmarks: Array) -> None:
-    """Raise AnswerError unless the readings are those of a sensor of this space among these landmarks."""
+    """Raise AnswerError unless the readings come from a sensor of this space among these landmarks."""
     m, count = readings.values.shape[0], landmarks.shape[1]
     if m != reading.size:
         refuse(where, f"readings.values has {m} components; the sensor's space has {reading.size}")
@@ -59,7 +59,7 @@ def _check_time(where: str, record: Record) -> None:
     if not isinstance(record.start, int | float | np.number) or not np.isfinite(record.start):
         refuse(where, f"start is {kind(record.start)}; must be a finite time")
     if record.start > time[0]:
-        refuse(where, f"start is {record.start:g}, after time[0] = {time[0]:g}; the prior is of no later time")
+        refuse(where, f"start is {record.start:g}, after time[0] = {time[0]:g}; the prior must not be later")
     back = np.flatnonzero(np.diff(time) < 0.0)
     if back.size:
         k = int(back[0])
@@ -85,7 +85,7 @@ def _check_readings(where: str, readings: Any, steps: int, runs: int) -> None:
         refuse(where, f"readings.values is {kind(values)}; must be an array (m, {step.size}, {runs})")
     numbers(where, "readings.values is", values, (values.shape[0], step.size, runs), finite=False)
     if np.isinf(values).any():
-        refuse(where, "readings.values is infinite in places; what was not measured is NaN")
+        refuse(where, "readings.values is infinite in places; write NaN where nothing was measured")
     whole(where, "readings.landmark_number is", readings.landmark_number, (step.size, runs))
 
 

@@ -1,4 +1,4 @@
-"""A user's own filter held to its contract: one step of a record's first runs."""
+"""Checks a user's own filter against its contract, over one step of a record's first runs."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from estlab.record import Record
 def try_filter(
     where: str, filter: AnyFilter, motion: Motion, sensor: Sensor, record: Record, generators: Generators
 ) -> None:
-    """Raise AnswerError unless the filter answers as it must over a step of the record. generators: of all its runs."""
+    """Raise AnswerError unless the filter works over a step of the record. generators: for all its runs."""
     runs = record.runs if record.each_its_own else 1
     belief = _something(where, "start", filter.start(record.prior, generators))
     _check_moments(where, filter, belief, motion, runs)
@@ -27,7 +27,7 @@ def try_filter(
         some = np.arange(runs)[: max(1, runs - 1)]
         for method in ("take", "replaced"):
             if not callable(getattr(belief, method, None)):
-                refuse(where, f"the belief has no method {method}, by which runs take part in a reading or do not")
+                refuse(where, f"the belief has no method {method}, which selects the runs that have a reading")
         part = belief.take(some)
         m = sensor.space.size
         reading, landmark = (

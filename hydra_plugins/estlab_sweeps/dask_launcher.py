@@ -1,4 +1,4 @@
-"""Hydra's jobs on the workers of a dask.distributed cluster: one on this machine, or one that runs already."""
+"""Runs Hydra's jobs on the workers of a dask.distributed cluster: one on this machine, or one that already runs."""
 
 import pickle
 from collections.abc import Iterator, Sequence
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-# One thread of arithmetic a worker, as Dask sets it, but without its MALLOC_TRIM_THRESHOLD_: with it every large array
-# is given back to the system at once, whose time then exceeds that of the arithmetic.
+# One thread of arithmetic per worker, as Dask sets it, but without its MALLOC_TRIM_THRESHOLD_: with it every large
+# array is returned to the system at once, which then takes more time than the arithmetic.
 _WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1)
 
 
 class DaskLauncher(Launcher):
-    """One task a job. A worker that dies takes its own job with it, which the scheduler gives to another."""
+    """One task per job. A worker that dies takes its own job with it, and the scheduler gives it to another."""
 
     def __init__(self, address: str | None, workers: int | None, allowed_failures: int, patience: float) -> None:
         self.address, self.workers, self.allowed_failures = address, workers, allowed_failures
@@ -36,14 +36,14 @@ class DaskLauncher(Launcher):
         self._check()
         with self._client() as client:
             everything = cloudpickle.dumps((self.context, self.config, self.task_function, Singleton.get_state()))
-            # A task's result, which is made again when the worker that holds it dies; scattered data is gone then.
+            # A task's result, which is computed again if the worker that holds it dies; scattered data would be lost.
             shared = client.submit(_same, everything, pure=False)
             numbered = enumerate(job_overrides, initial_job_idx)
             futures = [client.submit(_run, shared, list(words), number, pure=False) for number, words in numbered]
             return [_returned(future) for future in futures]
 
     def _check(self) -> None:
-        """Raise UserError for what Dask would wait for without end, or says badly."""
+        """Raise UserError for settings on which Dask would wait forever, or that it reports badly."""
         from estlab.errors import UserError
 
         least = {"workers": 1, "allowed_failures": 0, "patience": 0}
@@ -52,7 +52,7 @@ class DaskLauncher(Launcher):
             if value is None and key == "workers":
                 continue
             if not number or isinstance(value, bool) or not least[key] <= value < 1e6:
-                kind = "a number" if key == "patience" else "a whole number"
+                kind = "a number" if key == "patience" else "an integer"
                 raise UserError(f"hydra.launcher.{key} must be {kind} from {least[key]} to 1e6, got {value}")
 
     @contextmanager
@@ -64,7 +64,7 @@ class DaskLauncher(Launcher):
 
         if self.address is None:
             with (
-                # One job a worker at a time, so that a death strikes one job.
+                # One job per worker at a time, so that a death affects one job.
                 dask.config.set({"distributed.scheduler.allowed-failures": self.allowed_failures,
                                  "distributed.scheduler.worker-saturation": 1.0,
                                  "distributed.nanny.pre-spawn-environ": _WORKERS}),
@@ -98,7 +98,7 @@ def _run(everything: bytes, words: list[str], number: int) -> JobReturn:
 
 
 def _returned(future: Any) -> JobReturn:
-    """A job's return, or the reason why there is none, such as workers killed."""
+    """A job's return, or the reason why there is none, such as killed workers."""
     try:
         return future.result()
     except Exception as error:

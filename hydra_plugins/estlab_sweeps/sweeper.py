@@ -1,4 +1,4 @@
-"""The sweepers of estlab, where Hydra looks for them: it takes plugins from this package alone."""
+"""The sweepers of estlab, where Hydra looks for them: it accepts plugins only from this package."""
 
 from typing import Any
 
@@ -8,10 +8,10 @@ from omegaconf import DictConfig
 
 
 class EstlabSweeper(Sweeper):
-    """Every combination of the values given, or those that sweep.zip pairs, each repeated sweep.repeats times."""
+    """Every combination of the given values, or those that sweep.zip pairs, each repeated sweep.repeats times."""
 
     def __init__(self, params: dict[str, Any]) -> None:
-        """params: keys with values to sweep, as an experiment names them; the command line goes before."""
+        """params: keys with values to sweep, as an experiment states them; the command line takes precedence."""
         self.params = params
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
@@ -23,12 +23,12 @@ class EstlabSweeper(Sweeper):
         raise SystemExit(SweepRunner(*self.given).run(self.words(arguments)))
 
     def words(self, arguments: list[str]) -> list[str]:
-        """What the experiment names, then what is typed."""
+        """The experiment's words, then the typed ones."""
         return [*(f"{key}={value}" for key, value in (self.params or {}).items()), *arguments]
 
 
 class TuningSweeper(EstlabSweeper):
-    """Settings chosen by Optuna, each knowing what those before it found."""
+    """Settings chosen by Optuna, each from the results of the earlier ones."""
 
     def sweep(self, arguments: list[str]) -> Any:
         from estlab.sweeps.tuning import Tuning

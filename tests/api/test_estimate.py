@@ -184,7 +184,7 @@ WRONG = {
     "time goes back from 6 at step 0 to 5.9; it must ascend": {"time": TIME[::-1]},
     "prior is a tuple; must be an estlab.Gaussian or an estlab.Uniform": {"prior": (1.0, 2.0)},
     "prior has the shapes (3,) and (2, 2); must be (2,) and (2, 2)": {"prior": Gaussian(np.zeros(3), P0)},
-    "a covariance is positive semidefinite": {"prior": Gaussian(PRIOR.mean, -P0)},
+    "a covariance must be positive semidefinite": {"prior": Gaussian(PRIOR.mean, -P0)},
     "start is 5, after time[0] = 0.1": {"start": 5.0},
     "landmark has the shape (3,) and the type int64; must be (60,)": {"landmark": np.arange(3)},
     "truth has the shape (2, 3); must be (2, 60): n = 2 components of the state": {"truth": np.zeros((2, 3))},

@@ -9,6 +9,8 @@ from estlab.cli.main import main
 from tests.browser import chromium
 from tests.cli.test_report import EVIL, sweep
 
+pytestmark = pytest.mark.slow
+
 WIDTHS, SCHEMES = (1280, 380), (False, True)
 
 CONTRAST = """

@@ -65,7 +65,7 @@ def test_without_yes_nothing_is_deleted_and_all_that_failed_is_listed_with_size_
         ["runs/d/2", "0.0 MB", "2 d", "failed", "failed"],
         ["runs/d/3", "0.0 MB", "1 d", "interrupted", "interrupted"],
         ["runs/d/4", "0.0 MB", "2 h", "unfinished", "unfinished"],
-        ["3 directories, 0.0 MB; --yes deletes them"],
+        ["3 directories, 0.0 MB; add --yes to delete them"],
     ]
     assert sorted(Path("runs").rglob("*")) == before
 
@@ -100,7 +100,7 @@ def test_what_is_at_work_may_be_or_cannot_be_read_stays_and_is_said(capsys):
     assert main(["clean", "--yes", "--older-than", "0s"]) == 0
     out, err = capsys.readouterr()
     assert all(path.exists() for path in stays)
-    assert all(f"estlab: note: {path} stays, " in err for path in stays)
+    assert all(f"estlab: note: {path} stays: " in err for path in stays)
     assert "it is at work, or was on another machine" in err
     assert out.count("nothing to delete") == 2
 
@@ -125,7 +125,7 @@ def test_links_other_files_and_folders_that_hold_runs_stay(capsys):
     assert Path("runs/day/link").is_symlink()
     assert nest.exists()
     assert Path("runs/thesis/chapter.tex").exists()
-    assert "runs/nest stays, it holds other runs" in capsys.readouterr().err
+    assert "runs/nest stays: it holds other runs" in capsys.readouterr().err
 
 
 def test_conditions_hold_together(capsys):
@@ -192,7 +192,7 @@ def test_a_run_that_begins_between_list_and_deletion_stays(capsys, monkeypatch):
 
     monkeypatch.setattr(estlab.cli.clean, "_size", size)
     assert main(["clean", "--yes"]) == 1
-    assert capsys.readouterr().err == "estlab: runs/1: has changed since it was listed, and stays\n"
+    assert capsys.readouterr().err == "estlab: runs/1: changed since it was listed, and stays\n"
     assert folder.exists()
 
 

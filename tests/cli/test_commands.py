@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
+import estlab
 from estlab import __version__
 from estlab.cli.main import main
 from estlab.experiment import statistics
@@ -114,14 +115,13 @@ def test_a_run_writes_everything_the_contract_names(capsys):
 
 
 def test_tables_of_the_ensemble_are_those_of_the_kept_runs():
-    """Every figure again, from estimates.npz alone, by other code."""
-    assert main(["run", "scenario=landmark", "filter=ekf", "runs=5", "steps=40", "plots=false"]) == 0
-    folder = latest()
-    with np.load(folder / "estimates.npz") as arrays:
-        truth, mean, cov = (np.moveaxis(arrays[name], -1, 0) for name in ("truth", "mean", "cov"))
+    """Every figure again, from the estimates alone, by other code."""
+    run = estlab.run("scenario=landmark", "filter=ekf", runs=5, steps=40, save=False)
+    found = run.estimates["ekf"]
+    truth, mean, cov = (np.moveaxis(array, -1, 0) for array in (found.truth, found.mean, found.cov))
     error = mean - truth
     error[:, 2] = np.arctan2(np.sin(error[:, 2]), np.cos(error[:, 2]))
-    metrics = pd.read_csv(folder / "metrics.csv").set_index(["metric", "component"])["value"]
+    metrics = run.metrics.set_index(["metric", "component"])["value"]
     np.testing.assert_allclose(metrics["rmse", "y"], np.sqrt((error[:, 1] ** 2).mean()))
     np.testing.assert_allclose(metrics["rmse", "position"], np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()))
     nees = [
@@ -129,29 +129,23 @@ def test_tables_of_the_ensemble_are_those_of_the_kept_runs():
         for es, ps in zip(error, cov, strict=True)
     ]
     np.testing.assert_allclose(metrics["anees", "all"], np.mean(nees) / 3)
-    table = pd.read_csv(folder / "nees.csv")
-    np.testing.assert_allclose(table["anees"], np.mean(nees, axis=0) / 3)
+    np.testing.assert_allclose(run.nees["anees"], np.mean(nees, axis=0) / 3)
     medians = np.median(np.abs(error[:, 0]), axis=1)
     np.testing.assert_allclose(metrics["median_abs_error", "x"], medians.mean())
     sigma = np.sqrt(cov[:, 2, 2])
     np.testing.assert_allclose(metrics["inside_3sigma", "heading"], (np.abs(error[:, 2]) <= 3 * sigma).mean())
 
 
-def test_the_same_command_gives_the_same_tables_whatever_the_block():
-    tables = []
-    for block in ("500", "3"):
-        assert (
-            main(
-                ["run", "scenario=landmark", "runs=7", "steps=30", "keep_runs=2", f"block_runs={block}", "plots=false"]
-            )
-            == 0
-        )
-        tables.append((pd.read_csv(latest() / "metrics.csv"), dict(np.load(latest() / "estimates.npz"))))
-    (one, kept), (other, also_kept) = tables
-    np.testing.assert_allclose(one["value"], other["value"], rtol=1e-10)
-    np.testing.assert_allclose(one["ci_low"], other["ci_low"], rtol=1e-9)
-    for name, array in kept.items():
-        np.testing.assert_allclose(array, also_kept[name], rtol=1e-10, atol=1e-12)
+def test_the_same_run_gives_the_same_tables_whatever_the_block():
+    one, other = (
+        estlab.run("scenario=landmark", runs=7, steps=30, keep_runs=2, block_runs=block, save=False)
+        for block in (500, 3)
+    )
+    np.testing.assert_allclose(one.metrics["value"], other.metrics["value"], rtol=1e-10)
+    np.testing.assert_allclose(one.metrics["ci_low"], other.metrics["ci_low"], rtol=1e-9)
+    for name in ("mean", "cov", "truth"):
+        arrays = (getattr(run.estimates["ukf"], name) for run in (one, other))
+        np.testing.assert_allclose(*arrays, rtol=1e-10, atol=1e-12)
 
 
 def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
@@ -172,9 +166,9 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "+experiment=field_errors", "filter=ukf"], "the experiment has its own filters, ekf,pf; leave it out"),
         (["run", "filter=[ekf,ukf]", "filters.ukf.alhpa=1"], "did you mean filters.ukf.alpha?"),
         (["run", "experiment=smoke"], "write +experiment=smoke"),
-        (["run", "--runs=1"], "there is no flag --runs=1; write runs=1 without dashes"),
+        (["run", "--runs=1"], "unknown flag --runs=1; write runs=1 without dashes"),
         (["run", "output="], "output must be a folder"),
-        (["run", "plugins=[no_such_package]"], "there is no package 'no_such_package'"),
+        (["run", "plugins=[no_such_package]"], "Python finds no package 'no_such_package'"),
         (["run", "filter.alpha=${undefined}"], "Interpolation key 'undefined' not found"),
         (["run", "scenario.duration=0.01"], "scenario.duration must be from one to ten million steps"),
         (["run", "filter=pf", "filter.particles=1e9"], "filter.particles must be from 2 to 2e7"),
@@ -187,9 +181,9 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "+experiment=field_errors", "filters.pf.partcles=9"], "did you mean filters.pf.particles?"),
         (
             ["run", "filter=[ekf,pf]", "filter.gate=0.9"],
-            "would not be used, there are several filters: write filters.<ekf|pf>.gate",
+            "would not be used, because there are several filters; write filters.<ekf|pf>.gate",
         ),
-        (["run", "filter=ekf", "filters.pf.particles=9"], "there is no pf among several filters here"),
+        (["run", "filter=ekf", "filters.pf.particles=9"], "none of these filters is called pf"),
         (["sweep", "filter=pf,ukf", "filter.particels=9,10"], "did you mean filter.particles?"),
         (["run", "+expriment=smoke"], "unknown key expriment; did you mean +experiment?"),
         (["run", "+experiment=smok"], "there is no experiment smok; did you mean smoke? (one of car_document, "),
@@ -197,14 +191,14 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "hydra.rnu.dir=x"], "unknown key hydra.rnu.dir; did you mean hydra.run.dir?"),
         (["run", "~filter.alhpa"], "unknown key filter.alhpa; did you mean filter.alpha?"),
         (["run", "--config-dir", "nowhere"], "--config-dir: there is no folder"),
-        (["run", "--confg-dir", "x"], "there is no flag --confg-dir; did you mean --config-dir?"),
-        (["sweep", "--resme", "x"], "there is no flag --resme; did you mean --resume?"),
+        (["run", "--confg-dir", "x"], "unknown flag --confg-dir; did you mean --config-dir?"),
+        (["sweep", "--resme", "x"], "unknown flag --resme; did you mean --resume?"),
         (["run", "seed=a b]", "runs=2"], "seed=a b]: write key=value"),
         (["list", "experimnts"], "got experimnts; did you mean experiments?"),
         (["list", "--config-dir", "nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
         (["list", "--cfg", "job"], "estlab list has no --cfg (see estlab list --help)"),
         (["simulate", "dta.path=x"], "unknown key dta.path; did you mean data.path?"),
-        (["run", "seed=1e30"], "seed is too large a number"),
+        (["run", "seed=1e30"], "seed is too large"),
         (["run", "filter=ekf", "filter.alpha=1"], "unknown key filter.alpha; filter takes noise, gate"),
         (["run", "filter.kappa=-6"], "filter.kappa must be > -n = -6 for 6 dimensions, got -6"),
         (["run", "filter.alpha=="], "filter.alpha==: write key=value"),
@@ -212,37 +206,37 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
         (["run", "output=/proc/estlab"], "set output or --config-dir to another"),
         (["run", "scenario=landmark", "data=files", "data.path=nowhere"], "data.path: no folder nowhere"),
         (["run", "data=files", "data.path=."], "problem3data.mat: no such file; data.path must be the folder"),
-        (["simulate"], "data.path must be given"),
-        (["rnu"], "there is no command rnu; did you mean run?"),
+        (["simulate"], "data.path is required"),
+        (["rnu"], "unknown command rnu; did you mean run?"),
         (["run", "parts={}"], "parts={}: is a list; write parts=[...]"),
         (["run", "sweep=[]"], "sweep=[]: is a group of keys; write sweep={...}"),
         (["run", "hydra.mode=x"], "hydra.mode=x: Invalid value 'x'"),
         (["run", "scenario=null"], "scenario=null: write the name of one"),
         (["run", "scenario=/etc/passwd"], "there is no scenario /etc/passwd (one of car, "),
-        (["run", "~scenario"], "scenario is missing, which a run cannot do without"),
-        (["run", "~filter"], "filter is missing, which a run cannot do without"),
+        (["run", "~scenario"], "scenario is missing, but every run needs one"),
+        (["run", "~filter"], "filter is missing, but every run needs one"),
         (["run", "~filters"], "filters is missing"),
         (["run", "filters=2.5"], "filters must be "),
-        (["run", "~sweep.dir"], "sweep.dir is missing, which other keys are made of"),
+        (["run", "~sweep.dir"], "sweep.dir is missing, but other keys refer to it"),
         (["run", "hydra.run.dir=???"], "hydra.run.dir must be a folder"),
         (["run", "hydra.run.dir="], "hydra.run.dir must be a folder"),
         (["sweep", "sweep.dir=null"], "sweep.dir must be a folder"),
         (["run", "=1"], "'=1': write key=value"),
         (["run", "data=[1,2]"], "data=[1,2]: write the name of one"),
         (["run", "filter=???"], "filter=???: write the name of one"),
-        (["run", "scenario=car,field"], "scenario=car,field: a run takes one value, estlab sweep several"),
-        (["run", "runs={}"], "runs must be a whole number, got {}"),
+        (["run", "scenario=car,field"], "scenario=car,field: a run takes one value; use estlab sweep for several"),
+        (["run", "runs={}"], "runs must be an integer, got {}"),
         (["sweep", "seed=range(1,3,0)"], "seed=range(1,3,0): range() arg 3 must not be zero"),
         (["sweep", "--resume", "x", "--resume", "x"], "--resume takes the directory of a sweep, once"),
         (["sweep", "--resume", "--dry-run"], "--resume takes the directory of a sweep, once"),
-        (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume says which directory"),
+        (["sweep", "--resume=x", "sweep.dir=y"], "sweep.dir=y: --resume already names the directory"),
         (["sweep", "sweep.dir=/proc/estlab"], "No such file or directory; give this sweep another sweep.dir"),
         *(
             (["sweep", f"hydra.sweep.subdir={name}"], "gives a job the folder ")
             for name in ("..", "", "plots", "attempts", "parts", "sweep.json", ".lock", "x" * 250)
         ),
         (["sweep", "sweep.timeout=1e30"], "sweep.timeout must be > 0 and at most 1e9, got 1e+30"),
-        (["simulate", "data.path="], "data.path must be given"),
+        (["simulate", "data.path="], "data.path is required"),
         (["simulate", f"data.path={'x' * 300}"], "File name too long"),
         (["run", ""], "'': write key=value"),
         (["run", "--cfg=jobs"], "--cfg takes job, hydra, all; got jobs; did you mean job?"),
@@ -300,39 +294,35 @@ def test_a_reader_that_leaves_does_not_end_the_run():
 def test_several_filters_meet_the_same_truth_and_readings(capsys):
     assert main(["run", "scenario=landmark", "filter=[ekf,ukf]", "filters.ukf.alpha=0.5", *TINY, "plots=false"]) == 0
     assert latest().name.endswith("_landmark_ekf-ukf")
-    metrics = pd.read_csv(latest() / "metrics.csv")
-    assert list(dict.fromkeys(metrics["filter"])) == ["ekf", "ukf"]
-    together = dict(np.load(latest() / "estimates.npz"))
-    out = capsys.readouterr().out
-    assert "filters.ukf.alpha=0.5" in out
-    assert main(["run", "scenario=landmark", "filter=ekf", *TINY, "plots=false"]) == 0
-    alone = dict(np.load(latest() / "estimates.npz"))
-    np.testing.assert_array_equal(together["ekf.mean"], alone["mean"])
-    np.testing.assert_array_equal(together["values"], alone["values"])
+    assert "filters.ukf.alpha=0.5" in capsys.readouterr().out
+    together = estlab.load("latest")
+    assert list(dict.fromkeys(together.metrics["filter"])) == ["ekf", "ukf"]
+    alone = estlab.run("scenario=landmark", "filter=ekf", *TINY, save=False)
+    np.testing.assert_array_equal(together.estimates["ekf"].mean, alone.estimates["ekf"].mean)
+    np.testing.assert_array_equal(together.runs["readings_mark"], [*alone.runs["readings_mark"]] * 2)
     assert main(["run", "filter=[ekf,ekf]"]) == 2
     assert main(["run", "filter=[ekf,nope]"]) == 2
 
 
 def test_order_of_filters_changes_no_figure():
     found = []
-    for names in ("pf,ukf", "ukf,pf"):
-        assert main(["run", "scenario=landmark", f"filter=[{names}]", *TINY, "plots=false"]) == 0
-        found.append(pd.read_csv(latest() / "metrics.csv").sort_values(["filter", "metric", "component"]))
+    for names in (["pf", "ukf"], ["ukf", "pf"]):
+        run = estlab.run("scenario=landmark", *TINY, filter=names, save=False)
+        found.append(run.metrics.sort_values(["filter", "metric", "component"]))
     np.testing.assert_array_equal(found[0]["value"].to_numpy(), found[1]["value"].to_numpy())
 
 
-def test_smoothing_is_a_second_set_of_tables(capsys):
-    assert main(["run", "scenario=landmark", "smooth=true", "runs=6", "steps=60", "plots=false"]) == 0
-    metrics = pd.read_csv(latest() / "metrics.csv").set_index(["filter", "metric", "component"])["value"]
+def test_smoothing_is_a_second_set_of_tables():
+    run = estlab.run("scenario=landmark", smooth=True, runs=6, steps=60, save=False)
+    metrics = run.metrics.set_index(["filter", "metric", "component"])["value"]
     assert metrics["ukf_smoothed", "rmse", "position"] < metrics["ukf", "rmse", "position"]
     # The bound is of the readings so far, which a smoother is not bound by.
     assert metrics["ukf", "efficiency", "position"] < 1.5
     assert ("ukf_smoothed", "efficiency", "position") not in metrics
-    capsys.readouterr()
-    assert main(["run", "scenario=landmark", "filter=pf", "smooth=true"]) == 2
-    assert capsys.readouterr().err.startswith(
-        "estlab: smooth=true with pf: the smoother is that of the Gaussian family"
-    )
+    with pytest.raises(
+        estlab.UserError, match="smooth=true with pf: this filter has no smoother; use one of the Gaussian"
+    ):
+        estlab.run("scenario=landmark", "filter=pf", smooth=True, save=False)
 
 
 def test_gated_readings_are_counted(capsys):
@@ -343,38 +333,31 @@ def test_gated_readings_are_counted(capsys):
 
 
 def test_repeats_of_one_recording_have_no_interval():
-    assert (
-        main(["run", "scenario=landmark", "data=files", f"data.path={ROOT}/data/landmark", "runs=3", "plots=false"])
-        == 0
-    )
-    metrics = pd.read_csv(latest() / "metrics.csv")
-    assert metrics["ci_low"].isna().all()
-    nees = pd.read_csv(latest() / "nees.csv")
-    assert nees["upper"].min() > 3.0, "the band of a single run"
+    run = estlab.run("scenario=landmark", "data=files", runs=3, save=False, **{"data.path": ROOT / "data/landmark"})
+    assert run.metrics["ci_low"].isna().all()
+    assert run.nees["upper"].min() > 3.0, "the band of a single run"
 
 
 def test_a_directory_holds_one_run_only(capsys):
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 0
     before = {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=mine"]) == 2
-    assert "mine: holds a run already" in capsys.readouterr().err
+    assert "mine: already holds a run" in capsys.readouterr().err
     assert before == {path.name: path.read_bytes() for path in Path("mine").iterdir() if path.is_file()}
 
 
 def test_a_full_disk_is_said_and_the_status_is_failed(monkeypatch, capsys):
-    import estlab.datasets.whole as whole
+    real, calls = os.replace, []
 
-    real, calls = os.fsync, []
-
-    def full(descriptor):
-        calls.append(descriptor)
+    def full(*names, **folders):
+        calls.append(names)
         if len(calls) > 5:
             raise OSError(28, "No space left on device")
-        return real(descriptor)
+        return real(*names, **folders)
 
-    monkeypatch.setattr(whole.os, "fsync", full)
+    monkeypatch.setattr(os, "replace", full)
     assert main(["run", *TINY, "plots=false"]) == 1
-    assert "No space left on device; the run is incomplete, make room" in capsys.readouterr().err
+    assert "No space left on device; the run is incomplete, free some space" in capsys.readouterr().err
     folder = next(Path("runs").glob("*/*_car_ukf"))
     assert status(folder)["status"] == "failed"
     assert "No space left" in status(folder)["error"]
@@ -512,7 +495,7 @@ def test_parts_that_are_missing_or_of_another_ensemble_are_named(capsys):
     common = ["run", "scenario=field", "filter=ekf", "runs=8", "steps=10", "plots=false", "block_runs=2", "keep_runs=2"]
     assert main([*common, "part=[0,2]", "hydra.run.dir=part0"]) == 0
     assert main([*common, "parts=[part0]", "hydra.run.dir=a"]) == 2
-    assert "its parts hold 2 of 4 blocks" in capsys.readouterr().err
+    assert "its parts contain 2 of 4 blocks" in capsys.readouterr().err
     assert main([*common, "parts=[part0,part1]", "hydra.run.dir=b"]) == 2
     assert "part1/part.npz: not a part of this ensemble" in capsys.readouterr().err
     assert main([*common, "part=[2,2]"]) == 2

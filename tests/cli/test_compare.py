@@ -82,11 +82,11 @@ def test_pairs_are_of_the_runs_that_both_have_and_p_is_adjusted_for_the_rows(cap
 def test_where_truth_is_not_shared_nothing_is_paired_and_it_is_said_why(words, why, capsys):
     made(Path("other"), "filter=ukf", *words)
     rows = table(capsys, "other", "ekf")
-    assert rows[1]["not_paired"] == f"truth or readings are not the same: {why}"
+    assert rows[1]["not_paired"] == f"truth or readings differ: {why}"
     assert rows[1].get("difference.position", "") == ""
     assert main(["compare", "other", "ekf"]) == 0
     printed = capsys.readouterr()
-    assert f"row 2 not paired with row 1: truth or readings are not the same: {why}" in printed.out
+    assert f"row 2 not paired with row 1: truth or readings differ: {why}" in printed.out
     key = why.split()[0]
     assert re.search(rf"^estlab: warning: .*{key if key in ('seed', 'scenario') else 'the truth'}", printed.err, re.M)
 
@@ -141,7 +141,7 @@ def test_runs_that_are_not_whole_are_listed_and_left_out(capsys):
     ]
     assert out.splitlines()[0].startswith("landmark · 1 run directory")
     assert main(["compare", "seed", "ukf"]) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == "estlab: there is no run that can be compared"
+    assert capsys.readouterr().err.splitlines()[-1] == "estlab: no run can be compared"
 
 
 def test_a_run_that_did_not_find_what_was_expected_is_whole(capsys):
@@ -241,13 +241,13 @@ PYTHON = "!!python/object/apply:os.system ['touch ran']"
 HOSTILE = {
     "a link that leads out": ("metrics.csv", _link, "is a link, which is not followed"),
     "a link to itself": ("metrics.csv", lambda f: (f.unlink(), f.symlink_to(f.name)), ""),
-    "a pipe": ("metrics.csv", _pipe, "is no regular file"),
-    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is no regular file"),
-    "no file": ("config.yaml", Path.unlink, "is not there"),
+    "a pipe": ("metrics.csv", _pipe, "is not a regular file"),
+    "a folder": ("run.json", lambda f: (f.unlink(), f.mkdir()), "is not a regular file"),
+    "no file": ("config.yaml", Path.unlink, "no such file"),
     "no text": (
         "metrics.csv",
         _text(b"filter,metric,component,unit,value,ci_low,ci_high,n\n\xff\0"),
-        "is no table that a run writes",
+        "is not a table of a run",
     ),
     "words for numbers": (
         "metrics.csv",
@@ -255,16 +255,20 @@ HOSTILE = {
         "is no",
     ),
     "a column less": ("metrics.csv", _text("filter,metric\nekf,rmse\n"), "has no column component"),
-    "no line": ("metrics.csv", _text("filter,metric,component,unit,value,ci_low,ci_high,n\n"), "holds no line"),
+    "no line": ("metrics.csv", _text("filter,metric,component,unit,value,ci_low,ci_high,n\n"), "contains no line"),
     "half a record": ("run.json", _text('{"names": '), "cannot be read as JSON"),
     "a deep record": ("run.json", _text("[" * 100_000), "cannot be read as JSON"),
-    "a list": ("run.json", _text("[]"), "is not what a run writes"),
-    "no names": ("run.json", _text("{}"), "does not say what its scenario"),
-    "a name that is a path": ("run.json", lambda f: edit(f, names={"scenario": "../../x", "filter": "ekf"}), "no name"),
+    "a list": ("run.json", _text("[]"), "was not written by a run"),
+    "no names": ("run.json", _text("{}"), "lacks the names of scenario"),
+    "a name that is a path": (
+        "run.json",
+        lambda f: edit(f, names={"scenario": "../../x", "filter": "ekf"}),
+        "is not the name",
+    ),
     "an object of Python": ("config.yaml", _text(f"scenario: {PYTHON}\n"), "cannot be read as plain YAML"),
     "an alias": ("config.yaml", _text("a: &a [1]\nb: [*a, *a]\n"), "cannot be read as plain YAML"),
     "a deep configuration": ("config.yaml", _text("[" * 5000), "cannot be read as plain YAML"),
-    "a large configuration": ("config.yaml", _text("a: 1\n" + "#" * 2**19), "larger than what a run writes"),
+    "a large configuration": ("config.yaml", _text("a: 1\n" + "#" * 2**19), "larger than any file of a run"),
     "no configuration": ("config.yaml", _text("3\n"), "is not a run's configuration"),
 }
 
@@ -304,7 +308,7 @@ def test_a_broken_table_of_runs_leaves_the_rows_and_says_what_is_not_paired(caps
         (["ekf", "--against", "7"], "there is no such row; give a number from 1 to 1"),
         (["ekf", "both", "--against", "ekf"], "rows 1, 2 are"),
         (["ekf", "--plot", "a.exe"], "must end in .png, .pdf, .svg"),
-        (["ekf", "--md", "--latex"], "take one"),
+        (["ekf", "--md", "--latex"], "choose one"),
         (["ekf", "--csv", "-", "--md"], "both go to standard output"),
     ],
 )

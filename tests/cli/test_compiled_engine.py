@@ -14,13 +14,14 @@ from tests import pendulum
 from tests.tracing import compiled
 
 WORDS = ["run", "scenario=landmark", "runs=2", "steps=10", "plots=false", "report=false"]
-TAKE = "; take engine=numpy"
+TAKE = "; set engine=numpy"
 KNOWN = (
     "it compiles ekf, iekf, second_order, ukf, ckf, ghkf, srukf, srckf, dead_reckoning, pf, rpf and apf, "
     f"not this filter{TAKE}"
 )
 STACKED = (
-    "it compiles no scenario.update=stacked with noise=augmented, whose points hang on how many readings there are"
+    "it compiles no scenario.update=stacked with noise=augmented, whose number of points depends on "
+    "the number of readings"
     f"{TAKE}"
 )
 

@@ -16,6 +16,8 @@ from tests.cli.sweeping import status, wait_for
 from tests.cli.test_sweep_faults import lives
 from tests.conftest import ROOT, composed
 
+pytestmark = pytest.mark.slow
+
 WORDS = ["scenario=field", "filter=[ekf,pf]", "filters.pf.particles=40", "runs=21", "steps=10"]
 WORDS += ["block_runs=3", "keep_runs=4", "plots=false", "report=false"]
 LONG = ["scenario=landmark", "filter=ekf", "runs=100000", "plots=false", "report=false", "cores=3"]
@@ -131,8 +133,8 @@ def test_a_killed_worker_fails_the_run_in_one_line(at_work):
     process, workers = at_work
     os.kill(workers[0], signal.SIGKILL)
     said = (
-        "a worker process ended by SIGKILL, as the system ends it when memory runs out; "
-        "take cores=1 or a smaller block_runs"
+        "a worker process ended by SIGKILL, as the system does when memory runs out; "
+        "set cores=1 or a smaller block_runs"
     )
     assert process.communicate(timeout=60)[1] == f"estlab: {said}\n"
     assert process.returncode == 1

@@ -28,11 +28,14 @@ def disk(monkeypatch):
     def failing(at: int, number: int) -> None:
         written = iter(range(1_000_000))
 
-        def sync(handle: int) -> None:
-            if next(written) >= at:
-                raise OSError(number, os.strerror(number))
+        replace = os.replace
 
-        monkeypatch.setattr(os, "fsync", sync)
+        def failing_replace(*names: object, **folders: object) -> None:
+            if folders.get("src_dir_fd") is not None and next(written) >= at:  # what lies in a run directory
+                raise OSError(number, os.strerror(number))
+            replace(*names, **folders)
+
+        monkeypatch.setattr(os, "replace", failing_replace)
 
     return failing
 
@@ -44,10 +47,24 @@ def test_a_disk_that_is_full_at_any_write_is_one_line_and_the_status_says_so(at,
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1
     assert "run/" in err
-    assert "No space left on device; the run is incomplete, make room or set output to another disk" in err
+    assert "No space left on device; the run is incomplete, free some space, or set output to another disk" in err
     assert (status("run")["status"], status("run")["exit_code"]) == ("failed", 1)
     assert status("run")["error"] in err
     assert not list(Path("run").rglob("*.part"))
+
+
+def test_a_disk_that_does_not_take_what_was_written_is_one_line_too(monkeypatch, capsys):
+    """As one over a network that says so at the end alone."""
+
+    def full(handle: int) -> None:
+        raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main([*WORDS, "report=false"]) == 1
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1
+    assert "Disk quota exceeded; the run is incomplete, free some space, or set output to another disk" in err
+    assert (status("run")["status"], status("run")["exit_code"]) == ("failed", 1)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +110,7 @@ def test_a_run_whose_directory_goes_is_one_line_and_no_file_is_written_elsewhere
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith(
         "run: was removed or replaced while the run wrote to it; "
-        "the run is incomplete, leave its directory where it is until the run has ended"
+        "the run is incomplete, do not move its directory until the run has ended"
     )
     assert not Path("run").exists() or not list(Path("run").iterdir())
 

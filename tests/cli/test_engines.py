@@ -15,6 +15,8 @@ from estlab.cli.main import main
 from tests.cli.sweeping import TINY, count, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 WORDS = ["filter=ekf,ukf", "seed=1,2"]
 
 

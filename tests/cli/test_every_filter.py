@@ -14,6 +14,8 @@ from estlab.rundir import RunDirectory
 from tests.conftest import options, settings
 from tests.plugins import plugged
 
+pytestmark = pytest.mark.slow
+
 SCENARIOS = [*options("scenario"), *plugged.NAMES]
 SMALL = {"pf": "particles=150", "apf": "particles=150", "rpf": "particles=150", "enkf": "members=50", "ghkf": "order=2"}
 FAMILIES = ("dead_reckoning", "ekf", "srukf", "enkf", "pf")

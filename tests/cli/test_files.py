@@ -11,6 +11,8 @@ import pytest
 from estlab.cli.main import main
 from tests.conftest import options
 
+pytestmark = pytest.mark.slow
+
 LAYOUT = {
     "landmark": {"Odometry.dat", "Measurement.dat", "Groundtruth.dat", "Landmark_Groundtruth.dat", "Barcodes.dat"},
     "car": {"problem3data.mat", "problem3truth.mat"},
@@ -100,7 +102,7 @@ def test_simulate_replaces_no_file_and_leaves_nothing_half_done(capsys):
     made = simulate("landmark")
     before = {path.name: path.read_bytes() for path in made.iterdir()}
     assert main(["simulate", "scenario=landmark", "data.path=made", "seed=2"]) == 2
-    assert "made/Odometry.dat: is there already" in capsys.readouterr().err
+    assert "made/Odometry.dat: already exists" in capsys.readouterr().err
     assert before == {path.name: path.read_bytes() for path in made.iterdir()}
 
 
@@ -163,7 +165,7 @@ FAULTS = {
     "nan": (lambda: replace_line("Groundtruth.dat", 12, "1.0 nan 0 0"), "made/Groundtruth.dat:12: x is nan"),
     "unsorted": (
         lambda: reverse("Odometry.dat"),
-        "made/Odometry.dat:2: time 59.900 goes back, as others do: 600 of 601 would be left out; sort by time",
+        "made/Odometry.dat:2: time 59.900 goes back; 600 of 601 rows have such times and would be left out; sort",
     ),
     "readings unsorted": (lambda: reverse("Measurement.dat"), "made/Measurement.dat"),
     "repeated": (lambda: repeat("Groundtruth.dat"), "made/Groundtruth.dat:6: time 0.000 repeats the one before"),
@@ -188,17 +190,17 @@ FAULTS = {
     ),
     "barcode not whole": (
         lambda: replace_cell("Measurement.dat", 9, 1, "63.5"),
-        "made/Measurement.dat:9: a subject or barcode is not a whole number",
+        "made/Measurement.dat:9: a subject or barcode is not an integer",
     ),
     "barcode twice": (
         lambda: replace_line("Barcodes.dat", 5, "8 63"),
-        "made/Barcodes.dat:5: this barcode is another subject's already",
+        "made/Barcodes.dat:5: this barcode already belongs to another subject",
     ),
     "landmark twice": (
         lambda: replace_line("Landmark_Groundtruth.dat", 5, "6 1.0 1.0 0 0"),
-        "made/Landmark_Groundtruth.dat:5: this subject has a row already",
+        "made/Landmark_Groundtruth.dat:5: this subject already has a row",
     ),
-    "one row": (lambda: Path("made/Odometry.dat").write_text("0 1 0\n"), "made/Odometry.dat: one row only"),
+    "one row": (lambda: Path("made/Odometry.dat").write_text("0 1 0\n"), "made/Odometry.dat: only one row"),
     "no reading in time": (
         lambda: Path("made/Measurement.dat").write_text("-9 63 1 0\n"),
         "made/Measurement.dat: no reading while the truth is known",
@@ -243,7 +245,7 @@ CSV_FAULTS = {
     "white space for commas": (
         lambda: replace_line("XYData_cm.csv", 2, "1.0 2.0"),
         "made/XYData_cm.csv:2: 1 column; expected the 2 columns x y; cells are separated by white "
-        "space, and must be by commas",
+        "space; separate them with commas",
     ),
     "not a number": (
         lambda: replace_line("XYData_cm.csv", 7, "1.0,far"),
@@ -252,11 +254,11 @@ CSV_FAULTS = {
     "header": (lambda: replace_line("XYData_cm.csv", 1, "x,y"), "made/XYData_cm.csv:1: x is 'x', not a number"),
     "infinite": (
         lambda: replace_line("HeadingAngle_rad.csv", 3, "inf"),
-        "made/HeadingAngle_rad.csv:3: alpha is inf, not finite; write nan for what was not measured",
+        "made/HeadingAngle_rad.csv:3: alpha is inf, not finite; write nan where nothing was measured",
     ),
     "no two fixes in a row": (
         lambda: replace_text("XYData_cm.csv", "1,2\nnan,nan\n" * 90 + "1,2\n"),
-        "made/XYData_cm.csv: 181 rows; no two neighbours of the first 180 have a fix; at least 3 are needed",
+        "made/XYData_cm.csv: 181 rows; no two consecutive frames of the first 180 have a fix; at least 3 are needed",
     ),
     "empty": (lambda: replace_text("XYData_cm.csv", ""), "made/XYData_cm.csv: no data rows; expected the columns x y"),
     "lengths differ": (
@@ -306,7 +308,10 @@ def test_a_few_unknown_barcodes_are_left_out_and_said(capsys):
         "Measurement.dat", 20, Path("made/Measurement.dat").read_text().splitlines()[19].split()[0] + " 99 1.0 0.0"
     )
     assert run("landmark") == 0
-    assert "Measurement.dat:20: barcode 99 is not in Barcodes.dat; left out, with 0 more" in capsys.readouterr().out
+    assert (
+        "Measurement.dat:20: barcode 99 is not in Barcodes.dat; left out, together with 0 more"
+        in capsys.readouterr().out
+    )
     assert run("landmark", "scenario.unknown_barcodes=0") == 2
 
 
@@ -358,7 +363,7 @@ MAT_FAULTS = {
     "times": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, 0.0])),
         None,
-        "problem3data.mat: element 2: time 0.000 goes back, as others do: 1 of 2 would be left out; sort by time",
+        "problem3data.mat: element 2: time 0.000 goes back; 1 of 2 rows have such times and would be left out; sort",
     ),
     "time of two": (
         dict(lidar=structs(z=[FRAME, FRAME], t=[0.1, [0.2, 0.3]])),
@@ -399,7 +404,7 @@ def test_a_file_that_is_not_matlabs_is_refused(capsys):
     Path("made").mkdir()
     Path("made/problem3data.mat").write_text("not a mat file")
     assert run("car") == 2
-    assert "made/problem3data.mat: not a MATLAB file that can be read" in capsys.readouterr().err
+    assert "made/problem3data.mat: not a readable MATLAB file" in capsys.readouterr().err
 
 
 def test_a_frame_in_which_nothing_was_seen_is_not_measured():
@@ -474,7 +479,7 @@ ARCHIVE_FAULTS = {
         "no array real_observations; the archive holds noise_free_motion",
     ),
     "missing steps": (lambda: spoil_archive("num_steps", lambda a: None), "no array num_steps"),
-    "steps": (lambda: spoil_archive("num_steps", lambda a: a + 0.5), "num_steps must be one whole number >= 1"),
+    "steps": (lambda: spoil_archive("num_steps", lambda a: a + 0.5), "num_steps must be one integer >= 1"),
     "too few rows": (
         lambda: spoil_archive("noise_free_motion", lambda a: a[:150]),
         "noise_free_motion must be 200 x 3 numbers; it is float64 150 x 3",
@@ -489,11 +494,11 @@ ARCHIVE_FAULTS = {
     ),
     "nan": (
         lambda: spoil_archive("noise_free_motion", put((17, 1), np.nan)),
-        "noise_free_motion[17]: trans is nan, not finite; it is needed in every row",
+        "noise_free_motion[17]: trans is nan, not finite; every row needs this value",
     ),
     "infinite truth": (
         lambda: spoil_archive("real_robot_path", put((3, 0), np.inf)),
-        "real_robot_path[3]: x is inf, not finite; write nan for what was not measured",
+        "real_robot_path[3]: x is inf, not finite; write nan where nothing was measured",
     ),
     "degrees": (
         lambda: spoil_archive("noise_free_motion", lambda a: a * [180 / np.pi, 1, 180 / np.pi]),

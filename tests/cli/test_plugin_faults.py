@@ -74,7 +74,7 @@ def test_a_run_that_a_plugin_breaks_names_the_plugin(pendulum, capsys, right, wr
          "pendulum.Pendulum.__post_init__, line {}, raised AttributeError: "),
         ("        variance =", "        variance = 1 / 0\n        variance =",
          "pendulum.Pendulum.motion, line {}, raised ZeroDivisionError: division by zero"),
-        ("    def motion(", "    def notion(", "scenario: pendulum.Pendulum has no motion, which it must define"),
+        ("    def motion(", "    def notion(", "scenario: pendulum.Pendulum has no motion; define it"),
     ],
 )  # fmt: skip
 def test_a_plugin_that_breaks_before_a_run_is_named_and_leaves_no_directory(
@@ -138,7 +138,7 @@ def test_an_error_of_the_system_blames_the_run_directory_only_if_it_is_its_own(t
         f"{own}: denied; the run is incomplete, check its permissions"
     )
     assert said(OSError(errno.ENOSPC, "no space", own)) == (
-        f"{own}: no space; the run is incomplete, make room or set output to another disk"
+        f"{own}: no space; the run is incomplete, free some space, or set output to another disk"
     )
     # Every file of a run is named, so this is another: shared memory, or a plugin's own.
     assert said(OSError(errno.ENOSPC, "no space")) == f"no space; the traceback is in {log}"

@@ -100,7 +100,7 @@ def test_of_an_earlier_estlab_it_is_said_that_nobody_knows(capsys):
     del facts["plugins"]
     Path("run/run.json").write_text(json.dumps(facts))
     assert main(["rerun", "run", "plugins=[own]", "hydra.run.dir=again"]) == 0
-    assert "source of own: not kept before" in capsys.readouterr().out
+    assert "source of own: not stored before" in capsys.readouterr().out
 
 
 def test_a_sweep_resumed_with_an_edited_plugin_says_so(capsys):
@@ -110,7 +110,7 @@ def test_a_sweep_resumed_with_an_edited_plugin_says_so(capsys):
     edited("own/deep.py")
     shutil.rmtree("swept/1_mine_ekf")
     assert main(words) == 0
-    assert "note: the source of own.deep is not the same in all jobs (SHA-256 " in capsys.readouterr().out
+    assert "note: the source of own.deep differs between jobs (SHA-256 " in capsys.readouterr().out
 
 
 def test_what_is_kept_is_bounded(monkeypatch):

@@ -16,6 +16,8 @@ from estlab.cli.main import main
 from estlab.report import page
 from tests.html import Page
 
+pytestmark = pytest.mark.slow
+
 TINY = ["runs=4", "steps=15"]
 RUN_FILES = ["config.yaml", "overrides.yaml", "run.json", "status.json", "log.txt", "metrics.csv", "tests.csv"]
 RUN_FILES += ["verdicts.csv", "coverage.csv", "comparison.csv", "expectations.csv", "radar.csv"]
@@ -72,6 +74,12 @@ def test_a_run_leaves_a_page_that_its_directory_alone_draws_again(words, code, c
     assert (moved / "report.html").read_bytes() == first, "the page that is there already changes nothing"
 
 
+def test_the_page_says_what_each_metric_is(whole):
+    rows = read(whole).tables["What each metric is"][1:]
+    assert {row[0][0] for row in rows} == set(pd.read_csv(whole / "metrics.csv")["metric"])
+    assert all(row[1][0] and row[2][0] for row in rows)
+
+
 def test_the_page_has_every_figure_of_the_metrics_in_full(whole):
     table = pd.read_csv(whole / "metrics.csv")
     numbers = [row[4][1] for row in read(whole).tables["Every row of metrics.csv"][1:]]
@@ -119,7 +127,7 @@ def test_a_run_that_came_to_nothing_says_so_once():
     shown = read("out")
     assert shown.texts["h1"] == ["landmark · ukf · 1 run · seed 1"]
     assert "data.path: no folder nowhere" in shown.texts["p"]
-    assert "The run did not come to its figures." in shown.texts["p"]
+    assert "The run ended before it had figures." in shown.texts["p"]
     assert not any("is missing" in said for said in shown.texts["p"])
 
 
@@ -222,9 +230,10 @@ def test_a_huge_directory_makes_a_page_of_bounded_size(copy):
     said = shown.texts["p"]
     assert "Only the first 5000 rows of metrics.csv are shown." in said
     assert "Only the last 128 kB of log.txt are shown." in said
-    assert {"plots/large.png is too large and is left out.", "plots/words.png is no PNG picture and is left out."} < {
-        *said
-    }
+    assert {
+        "plots/large.png is too large and is left out.",
+        "plots/words.png is not a PNG picture and is left out.",
+    } < {*said}
     assert any(text.endswith("the very end\n") for text in shown.texts["pre"])
 
 
@@ -252,7 +261,7 @@ def test_nothing_that_a_directory_names_is_imported_or_run(copy):
     ("words", "said"),
     [
         ([], "estlab report takes the directory of a run or a sweep, for example estlab report runs/latest"),
-        (["copy", "nowhere"], "nowhere: there is no such directory"),
+        (["copy", "nowhere"], "nowhere: no such directory"),
         (
             ["copy", "empty"],
             "empty: holds neither a run nor a sweep; name a directory that estlab run or estlab sweep made",

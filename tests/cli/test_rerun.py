@@ -53,11 +53,11 @@ def test_what_an_engine_of_before_found_is_found_again(capsys):
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("cores=0", "cores=0: write a whole number from 1"),
-        ("cores=\u0663", "write a whole number from 1"),
-        ("cores=" + "9" * 100, "write a whole number from 1"),
-        ("output=", "output=: output takes a value"),
-        ("plugins=[no_such_package]", "estlab: plugins: there is no package 'no_such_package'"),
+        ("cores=0", "cores=0: write an integer from 1"),
+        ("cores=\u0663", "write an integer from 1"),
+        ("cores=" + "9" * 100, "write an integer from 1"),
+        ("output=", "output=: output needs a value"),
+        ("plugins=[no_such_package]", "estlab: plugins: Python finds no package 'no_such_package'"),
     ],
 )
 def test_what_is_typed_wrongly_is_not_said_of_the_runs_files(word, said, capsys):
@@ -70,7 +70,7 @@ def test_what_is_typed_wrongly_is_not_said_of_the_runs_files(word, said, capsys)
 def test_a_run_made_again_is_the_same_to_the_last_bit_and_keeps_what_was_typed(capsys):
     assert main(["rerun", "runs/latest"]) == 0
     out = capsys.readouterr().out
-    assert "the figures are those of runs/day/run: identical to the last bit" in out
+    assert "the figures equal those of runs/day/run: identical to the last bit" in out
     assert newest().name.endswith("_landmark_ukf-pf")
     for name in ("overrides.yaml", "metrics.csv", "runs.csv", "errors.csv", "nees.csv"):
         assert (newest() / name).read_bytes() == Path("runs/day/run", name).read_bytes()
@@ -103,7 +103,7 @@ def test_a_figure_that_differs_is_told_by_how_much_and_in_which_table(factor, co
         line = re.search(r"^metrics.csv +pf anees all value +(\S+) +(\S+) +(\S+)$", out, re.MULTILINE)
         assert float(line[1]) == pytest.approx(float(line[2]) * factor, rel=1e-8)
         assert 0.0 < float(line[3]) < 1.1e-3
-        assert err == "estlab: the figures are not those of runs/day/run\n"
+        assert err == "estlab: the figures differ from those of runs/day/run\n"
 
 
 def test_missing_lines_arrays_and_files_are_differences_or_said(capsys):
@@ -113,14 +113,14 @@ def test_missing_lines_arrays_and_files_are_differences_or_said(capsys):
     assert re.search(r"nees.csv +49 lines of 8 columns, now 50 of 8 .* inf", capsys.readouterr().out)
     Path("runs/day/run/estimates.npz").write_bytes(b"PK")
     assert main(["rerun", "runs/day/run"]) == 1
-    said = "estlab: the figures cannot be compared: runs/day/run/estimates.npz: is no archive that a run writes\n"
+    said = "estlab: the figures cannot be compared: runs/day/run/estimates.npz: is not an archive of a run\n"
     assert capsys.readouterr().err == said
 
 
 def test_a_run_that_was_not_whole_is_run_and_compared_with_nothing(capsys):
     edit(Path("runs/day/run/status.json"), status="interrupted", error="by the user")
     assert main(["rerun", "runs/day/run"]) == 1
-    assert "there will be nothing to compare with, runs/day/run has no whole result" in capsys.readouterr().err
+    assert "there will be nothing to compare with: runs/day/run has no complete result" in capsys.readouterr().err
     assert json.loads((newest() / "status.json").read_text())["status"] == "ok"
 
 
@@ -235,15 +235,15 @@ def test_data_that_have_moved_changed_or_gone_are_said_before_the_run(capsys, mo
     [
         ([], "takes one run directory"),
         (["runs/day/run", "runs/day"], "takes one run directory"),
-        (["runs/day"], "is no run directory"),
+        (["runs/day"], "not a run directory"),
         (
             ["runs/day/run", "seed=3"],
-            "runs what was run; it takes plugins, data.path, cores, output, hydra.run.dir alone",
+            "repeats a run; it only takes plugins, data.path, cores, output, hydra.run.dir",
         ),
         (["runs/day/run", "--fast"], "estlab rerun has no --fast (see estlab rerun --help)"),
         (["runs/day/run", "plugins=mine"], "write a list"),
         (["runs/day/run", "data.path=x"], "the run's data were simulated"),
-        (["runs/day/run", "hydra.run.dir=runs/day/run"], "holds a run already"),
+        (["runs/day/run", "hydra.run.dir=runs/day/run"], "already holds a run"),
     ],
 )
 def test_a_mistake_is_one_line_and_code_2(words, said, capsys):
@@ -269,7 +269,8 @@ def test_a_run_of_an_earlier_estlab_takes_the_shipped_values_of_keys_that_it_did
     assert main(["rerun", "runs/day/run"]) == 0
     said = capsys.readouterr()
     assert (
-        "earlier estlab; as shipped now: dropped, scenario.sightings, data.clock_gap, filters.pf.recovery" in said.err
+        "earlier estlab; these keys take their default values: dropped, scenario.sightings, "
+        "data.clock_gap, filters.pf.recovery" in said.err
     )
     assert "identical to the last bit" in said.out
     now = yaml.safe_load((newest() / "config.yaml").read_text())

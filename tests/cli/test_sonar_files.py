@@ -69,22 +69,22 @@ FAULTS = {
     "nothing heard": (
         GOOD | dict(sonar=structs(z=[Z * np.nan, []])),
         TRUTH,
-        DATA + "sonar(1).z: no whole sonar reading in any of 2 frames",
+        DATA + "sonar(1).z: no complete sonar reading in any of 2 frames",
     ),
     "not ascending": (
         GOOD | dict(sonar=structs(z=[Z[::-1], Z[[1, 0, 2]]])),
         TRUTH,
-        DATA + "sonar(1).z [5 3 2] does not ascend, as 2 of 2 do not; they are the ranges to the nearest beacon,",
+        DATA + "sonar(1).z [5 3 2] does not ascend, as 2 of 2 do not; they must be the ranges to the nearest,",
     ),
     "negative range": (
         GOOD | dict(sonar=structs(z=[Z, Z - 9.0])),
         TRUTH,
-        DATA + "sonar(2).z [-7 -6 -4] has a negative range that no noise explains",
+        DATA + "sonar(2).z [-7 -6 -4] has a negative range that noise cannot explain",
     ),
     "nan encoder": (
         GOOD | dict(encoder=structs(u=[U, U * np.nan])),
         TRUTH,
-        DATA + "encoder(2).u: ds is nan, not finite; it is needed in every row",
+        DATA + "encoder(2).u: ds is nan, not finite; every row needs this value",
     ),
     "encoder in degrees": (
         GOOD | dict(encoder=structs(u=[U, U * [1, 60]])),
@@ -97,7 +97,7 @@ FAULTS = {
     "lengths": (
         GOOD | dict(sonar=structs(z=[Z])),
         TRUTH,
-        DATA + "sonar has 1 elements, encoder has 2; they must be as many",
+        DATA + "sonar has 1 elements, encoder has 2; both need the same number",
     ),
     "two beacons": (GOOD | dict(beacons=MARKS[:2]), TRUTH, DATA + "beacons must be 3 or more rows x y; it is (2, 2)"),
     "beacons by column": (GOOD | dict(beacons=MARKS.T), TRUTH, DATA + "beacons must be 3 or more rows x y; it is (2,"),
@@ -109,7 +109,7 @@ FAULTS = {
     "times": (
         GOOD,
         dict(robot=structs(x=[X, X], t=[0.2, 0.1])),
-        STATES + "element 2: time 0.100 goes back, as others do: 1 of 2 would be left out; sort by time",
+        STATES + "element 2: time 0.100 goes back; 1 of 2 rows have such times and would be left out; sort by time",
     ),
     "time of two": (GOOD, dict(robot=structs(x=[X, X], t=[[1.0, 2.0], 0.1])), STATES + "element 1 field t must be one"),
 }  # fmt: skip

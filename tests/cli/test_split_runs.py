@@ -12,6 +12,8 @@ from tests.cli.sweeping import rows, status, sweep, table, wait_for
 from tests.cli.test_engines import dask
 from tests.cli.test_sweep_faults import started
 
+pytestmark = pytest.mark.slow
+
 # Seven blocks a job, of which the first holds the four runs that are kept.
 WORDS = ["scenario=field", "runs=21", "steps=10", "block_runs=3", "keep_runs=4", "plots=false"]
 THREE = "sweep.split_runs=3"
@@ -109,7 +111,7 @@ def test_a_failed_part_fails_its_job_alone_and_a_resumed_sweep_runs_that_part_al
     before = {part: Path("swept", part, "status.json").read_bytes() for part in parts()}
     failing()
     assert split_sweep("sweep.retries=1") == 0
-    assert "1 of 2 jobs and 2 of 3 parts of the others are done, the others run" in capsys.readouterr().err
+    assert "1 of 2 jobs and 2 of 3 parts of the others are done, the others will run" in capsys.readouterr().err
     assert [part for part, was in before.items() if Path("swept", part, "status.json").read_bytes() != was] == [failed]
     assert_same_figures(whole / "0_field_ekf", Path("swept/0_field_ekf"))
     assert table() == table(str(whole))
@@ -197,8 +199,8 @@ def test_a_dry_run_counts_the_parts(capsys):
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("part=[0,2]", "part=[0,2]: a sweep makes parts of its jobs itself; write sweep.split_runs=16 instead"),
-        ("parts=[a,b]", "parts=[a,b]: a sweep makes parts of its jobs itself"),
+        ("part=[0,2]", "part=[0,2]: a sweep splits its jobs itself; write sweep.split_runs=16 instead"),
+        ("parts=[a,b]", "parts=[a,b]: a sweep splits its jobs itself"),
         ("sweep.split_runs=0", "sweep.split_runs must be from 1 to 1e4, got 0"),
     ],
 )

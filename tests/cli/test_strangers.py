@@ -169,7 +169,7 @@ def test_what_would_run_his_code_must_be_typed(route, his, capsys):
     assert resumed(his, *spelt(route)) == 2
     assert not Path("ran").exists()
     err = capsys.readouterr().err
-    assert "of its command must be typed by who trusts it" in err
+    assert "of its command is used only if you type it" in err
     assert err.count("\n") == 1
 
 
@@ -238,7 +238,7 @@ def test_hydras_own_node_calls_nothing_outside_estlab_and_what_is_listed(word):
     composition.install()
     with (
         initialize_config_dir(str(conf_folder()), version_base="1.3"),
-        pytest.raises(UserError, match=r"is refused|is no callback|there is no"),
+        pytest.raises(UserError, match=r"is refused|is not a callback|there is no"),
     ):
         compose("config", overrides=[word], return_hydra_config=True)
 
@@ -275,9 +275,9 @@ def test_who_resumes_types_what_he_trusts_of_his_own_sweep(mine, capsys):
     before = table()
     shutil.rmtree("swept/0_landmark_ekf")
     assert main(["sweep", "--resume", "swept"]) == 2
-    assert "--config-dir=conf of its command must be typed" in capsys.readouterr().err
+    assert "--config-dir=conf of its command is used only if you type it" in capsys.readouterr().err
     assert main(["sweep", "--resume", "swept", "--config-dir", "conf"]) == 2
-    assert "plugins=[my_callbacks] of its command must be typed" in capsys.readouterr().err
+    assert "plugins=[my_callbacks] of its command is used only if you type it" in capsys.readouterr().err
     assert main(["sweep", "--resume=swept", *trusted]) == 0
     assert table() == before
     assert Path("noted.txt").read_text().split() == ["5", "5"]

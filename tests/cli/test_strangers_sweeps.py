@@ -10,6 +10,8 @@ from estlab.cli.main import main
 from estlab.rundir import files
 from tests.cli.sweeping import TINY, rows, sweep, table
 
+pytestmark = pytest.mark.slow
+
 JOB = "1_landmark_ekf"
 
 
@@ -46,10 +48,10 @@ def piped(path: Path) -> None:
 
 REFUSED = {
     "lock a link": (lambda s: linked(s / ".lock", "mine/file"), ".lock: is a link"),
-    "lock a pipe": (lambda s: piped(s / ".lock"), ".lock: is no regular file"),
+    "lock a pipe": (lambda s: piped(s / ".lock"), ".lock: is not a regular file"),
     "lock a second name": (lambda s: ((s / ".lock").unlink(), os.link("mine/file", s / ".lock")), ".lock: has another"),
-    "plan a link": (lambda s: linked(s / "sweep.json", "mine/file"), "there is no sweep.json"),
-    "plan a pipe": (lambda s: piped(s / "sweep.json"), "there is no sweep.json"),
+    "plan a link": (lambda s: linked(s / "sweep.json", "mine/file"), "no readable sweep.json"),
+    "plan a pipe": (lambda s: piped(s / "sweep.json"), "no readable sweep.json"),
     "attempts a link": (
         lambda s: ((s / JOB / "metrics.csv").unlink(), linked(s / "attempts", "mine")),
         "attempts: is a link",
@@ -69,7 +71,7 @@ def test_what_cannot_be_written_without_following_a_link_is_one_line(case, swept
 
 def status_piped(swept: Path) -> str:
     piped(swept / JOB / "status.json")
-    return "status.json is no regular file"
+    return "status.json is not a regular file"
 
 
 def run_piped(swept: Path) -> str:
@@ -90,7 +92,7 @@ def status_a_link(swept: Path) -> str:
 def status_a_folder(swept: Path) -> str:
     (swept / JOB / "status.json").unlink()
     (swept / JOB / "status.json").mkdir()
-    return "status.json is no regular file"
+    return "status.json is not a regular file"
 
 
 def job_a_link(swept: Path) -> str:
@@ -155,7 +157,7 @@ def test_a_part_is_not_made_through_a_link(capsys):
     Path("swept/parts").symlink_to(Path("mine").resolve())
     words = ["filter=ekf", "seed=1", "block_runs=1", "keep_runs=1", "sweep.split_runs=2"]
     assert sweep(*words) == 2
-    assert "sweep.dir must be a sweep's or a new one" in capsys.readouterr().err
+    assert "sweep.dir must be a sweep's directory or a new one" in capsys.readouterr().err
     Path("swept/parts").unlink()
     assert sweep(*words) == 0
     shutil.rmtree("swept/parts")

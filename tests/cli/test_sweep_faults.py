@@ -21,6 +21,8 @@ from estlab.sweeps import child, job, state
 from tests.cli.sweeping import TINY, count, job_folders, rows, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 JOBLIB = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 
@@ -53,7 +55,7 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     assert table("killed") == table("undisturbed")
     for folder, was in done.items():
         assert (Path("killed") / folder / "run.json").read_bytes() == was, "what was ok did not run again"
-    assert f"{len(done)} of 6 jobs are done, the others run" in capsys.readouterr().err or not done
+    assert f"{len(done)} of 6 jobs are done, the others will run" in capsys.readouterr().err or not done
 
 
 def marks_of(pid: int) -> dict:
@@ -95,7 +97,7 @@ SPOILT = {
     "status a list": (lambda job: (job / "status.json").write_text("[]"), "status.json cannot be read"),
     "status strange": (lambda job: (job / "status.json").write_text('{"status": "fine"}'), "holds an unknown status"),
     "run": (spoil_run, "run.json cannot be read"),
-    "configuration": (change_configuration, "is of another configuration"),
+    "configuration": (change_configuration, "belongs to another configuration"),
     "metrics": (spoil_metrics, "metrics.csv cannot be read"),
     "metrics gone": (lambda job: (job / "metrics.csv").unlink(), "metrics.csv cannot be read"),
     "dead": (die, ""),
@@ -120,7 +122,7 @@ def test_a_spoilt_job_is_told_kept_and_run_again(fault, undisturbed, capsys):
     assert main(["sweep", "--resume", "swept"]) == 0
     assert table() == table(str(undisturbed))
     err = capsys.readouterr().err
-    assert "1 of 2 jobs are done, the others run" in err
+    assert "1 of 2 jobs are done, the others will run" in err
     assert message in err
     assert "failed" not in err
     assert Path("swept/attempts/1_landmark_ekf.1").exists() == (fault != "gone")
@@ -140,7 +142,7 @@ def test_the_same_command_with_the_directory_resumes_it_and_another_is_refused(u
     Path("mine").mkdir()
     Path("mine/precious.txt").write_text("mine")
     assert sweep("filter=ekf", "seed=1,2", place="mine") == 2
-    assert "sweep.dir must be a sweep's or a new one" in capsys.readouterr().err
+    assert "sweep.dir must be a sweep's directory or a new one" in capsys.readouterr().err
     assert [path.name for path in Path("mine").iterdir() if path.name[0] != "."] == ["precious.txt"]
 
 
@@ -154,7 +156,7 @@ def test_what_a_strangers_directory_could_run_must_be_typed(word, undisturbed, c
     Path("swept/sweep.json").write_text(json.dumps(plan | {"arguments": [*plan["arguments"], word]}))
     capsys.readouterr()
     assert main(["sweep", "--resume", "swept"]) == 2
-    assert f"swept: {word} of its command must be typed by who trusts it" in capsys.readouterr().err
+    assert f"swept: {word} of its command is used only if you type it" in capsys.readouterr().err
 
 
 def test_a_second_sweep_on_a_directory_is_told_and_the_child_dies_with_the_first(capsys):

@@ -106,7 +106,7 @@ def test_a_worker_that_is_killed_costs_its_job_a_second_attempt_and_nothing_else
 @pytest.mark.parametrize("ended", ["interrupted", "killed"])
 def test_workers_end_with_their_sweep(ended):
     process = started(*LONG, "sweep.dir=ended", start_new_session=True)
-    wait_for(lambda: len(at_work("ended")) == 2)
+    wait_for(lambda: len(at_work("ended")) == 2 and len(list(Path("ended").glob("*/log.txt"))) == 2)
     pids = at_work("ended")
     if ended == "killed":
         process.kill()

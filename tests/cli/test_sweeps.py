@@ -11,6 +11,8 @@ from estlab.cli.main import main
 from estlab.experiment import experiment
 from tests.cli.sweeping import TINY, job_folders, rows, sweep, table
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def failing(monkeypatch):
@@ -129,17 +131,17 @@ def test_repeats_are_seeds_and_their_groups_have_means_over_them(capsys):
         (["filter=ekf,ukf", "sweep.zip=[filter,sed]"], "sweep.zip: sed has no list of values in this sweep"),
         (["filter=ekf,ukf", "sweep.zip=[filter]"], "sweep.zip must name two keys or more"),
         (["seed=1,2", "sweep.repeats=2"], "leave seed=... with several values out"),
-        (["sweep.repeats=1,2"], "the keys under sweep are those of the whole sweep"),
+        (["sweep.repeats=1,2"], "keys under sweep apply to the whole sweep"),
         (["sweep.repeats=0", "seed=1,2"], "sweep.repeats must be from 1 to 1e6, got 0"),
         (["sweep.timeout=0"], "sweep.timeout must be > 0"),
         (["sweep.retires=1"], "unknown key sweep.retires; did you mean sweep.retries?"),
-        (["seed=interval(0,1)"], "an interval has no list of values"),
+        (["seed=interval(0,1)"], "an interval is not a list of values"),
         (["seed=shuffle(1,2)"], "leave shuffle out"),
         (["filter=ekf,ukff"], "there is no filter ukff; did you mean ukf?"),
         (["hydra.sweep.subdir=one", "seed=1,2"], "gives several jobs one directory"),
         (["hydra/launcher=dusk"], "there is no hydra/launcher dusk"),
         (["--resume"], "--resume takes the directory of a sweep"),
-        (["--resume", "nowhere"], "nowhere: there is no sweep.json"),
+        (["--resume", "nowhere"], "nowhere: no readable sweep.json"),
         (["+experiment=field_errors", "filter=ekf,ukf"], "the experiment has its own filters, ekf,pf; leave it out"),
     ],
 )
@@ -264,7 +266,7 @@ def test_a_table_that_does_not_fit_on_the_disk_is_told_and_comes_with_the_next_t
     with monkeypatch.context() as patch:
         patch.setattr(tables, "_write", full)
         assert sweep("filter=ekf", "seed=1,2") == 1
-    assert "swept/sweep.csv: No space left on device; make room and resume" in capsys.readouterr().out
+    assert "swept/sweep.csv: No space left on device; free some space and resume" in capsys.readouterr().out
     assert main(["sweep", "--resume", "swept"]) == 0
     assert len(table()) == 2
 

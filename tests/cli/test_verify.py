@@ -10,6 +10,8 @@ import estlab.cli.verify
 from estlab.cli.main import main
 from estlab.filters.engine import CompiledLoop
 
+pytestmark = pytest.mark.slow
+
 TINY = ["scenario=landmark", "filter=ekf", "runs=3", "steps=12", "plots=false"]
 
 EXPERIMENT = """\
@@ -110,7 +112,7 @@ def test_what_is_typed_replaces_what_the_file_has(typed, mine):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        (["expect.rmse.x=[2,1]"], "expect.rmse.x must have its low bound first, got [2, 1]"),
+        (["expect.rmse.x=[2,1]"], "expect.rmse.x: write the lower bound first, got [2, 1]"),
         (["expect.rmse.x.efk=1"], "there is no filter x or efk here; did you mean ekf? (one of ekf)"),
         (["expect=5"], "expect must be a group, as in expect.rmse.x=[0.1,0.2], or null for none; got 5"),
         (["expct.rmse.x=1"], "unknown key expct; did you mean expect?"),
@@ -142,7 +144,7 @@ def test_verify_runs_each_experiment_and_one_that_fails_stops_no_other(mine, cap
     monkeypatch.setattr(estlab.cli.verify, "conf_folder", lambda: Path("nothing_here"))
     assert main(["verify", *mine]) == 1
     out, err = capsys.readouterr()
-    assert err == "estlab: not all is as expected: 3 of 4 expectations met in 3 experiments; 1 run failed\n"
+    assert err == "estlab: some expectations are not met: 3 of 4 expectations met in 3 experiments; 1 run failed\n"
     lines = [line.split() for line in out.splitlines()]
     assert lines[0][:7] == ["1", "of", "3", "breaks", "failed:", "data.path:", "no"]
     assert lines[1][3:8] == ["meets", "2", "of", "2", "met,"]
@@ -179,8 +181,8 @@ def test_verify_of_a_named_experiment_with_keys_of_ones_own(mine, capsys):
         (["smoke", "-m"], "estlab verify has no -m (see estlab verify --help)"),
         (["--config-dir"], "--config-dir takes a folder of configuration (see"),
         (["--config-dir=nowhere"], "--config-dir takes a folder of configuration, got 'nowhere'"),
-        (["+experiment=smoke"], "+experiment=smoke: estlab verify names the experiments and places the runs"),
-        (["smoke", "hydra.run.dir=here"], "hydra.run.dir=here: estlab verify names the experiments and places"),
+        (["+experiment=smoke"], "+experiment=smoke: estlab verify sets the experiment and the run's directory itself"),
+        (["smoke", "hydra.run.dir=here"], "hydra.run.dir=here: estlab verify sets the experiment"),
         (["expect=null"], "expect=null leaves nothing to verify"),
     ],
 )

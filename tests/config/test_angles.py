@@ -9,10 +9,12 @@ from pathlib import Path
 import hypothesis.strategies as st
 import pytest
 import yaml
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given
 
 from estlab.cli.main import main
 from estlab.config import angles, earlier
+from estlab.launch.quoting import angle_as_typed
 from estlab.launch.shipped import shipped_filter
 from tests.cli.sweeping import rows
 from tests.conftest import composed, options
@@ -54,6 +56,12 @@ def test_nothing_else_is_an_angle(text):
     assert angles.resolved(text) == text
 
 
+def test_a_value_that_hydra_took_from_several_is_written_as_it_was_typed():
+    override = OverridesParser.create().parse_override("x=${deg:5},'${deg:-20}',0.2,'a:b'")
+    written = [angle_as_typed(str(value)) for value in override.sweep_string_iterator()]
+    assert written == ["${deg:5}", "'${deg:-20}'", "0.2", "'a:b'"]
+
+
 def test_an_angle_is_typed_on_the_command_line():
     words = ["scenario=field", "scenario.bearing_sd=${deg:12.5}", "scenario.start=[1,2,${deg:90}]"]
     scenario = composed(*words)["scenario"]
@@ -88,9 +96,9 @@ def test_a_users_own_files_have_angles_and_so_has_what_is_run_again(tmp_path, mo
 
 def test_a_sweep_over_angles_has_numbers_in_its_table_and_is_resumed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["sweep", *TINY, "scenario.bearing_sd=choice(${deg:5},'${deg:20}',0.2)", "sweep.dir=swept"]) == 0
+    assert main(["sweep", *TINY, "scenario.bearing_sd=choice(${deg:5},'${deg:20}')", "sweep.dir=swept"]) == 0
     found = [float(row["scenario.bearing_sd"]) for row in rows("swept/sweep.csv")]
-    assert found == [math.radians(5), math.radians(20), 0.2]
+    assert found == [math.radians(5), math.radians(20)]
     for number, value in enumerate(found):
         config = yaml.safe_load(Path(f"swept/{number}_field_ekf/config.yaml").read_text())
         assert config["scenario"]["bearing_sd"] == value

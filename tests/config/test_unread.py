@@ -127,7 +127,7 @@ def test_every_key_changes_something_or_is_refused(case, source, stray):
             after = made_of(changed, scenario)
             if name in unread:
                 assert after == before or isinstance(after, str), f"{name} is read"
-                with pytest.raises(UserError, match=rf"scenario\.{name}=\S+ would not be read: it is of "):
+                with pytest.raises(UserError, match=rf"scenario\.{name}=\S+ would not be read: it belongs to "):
                     given_keys.refuse_unread({f"scenario.{name}": unread[name]}, [f"scenario.{name}=7"], {})
             else:
                 assert after != before, f"scenario.{name} changes nothing"
@@ -136,18 +136,33 @@ def test_every_key_changes_something_or_is_refused(case, source, stray):
 REFUSED = [
     (
         ["scenario=landmark", "data=files", "scenario.speed=2"],
-        "scenario.speed=2 would not be read: it is of data=simul",
+        "scenario.speed=2 would not be read: it belongs to data=simul",
     ),
     (["scenario=landmark", "data=files", "scenario.dropped=0.2"], "dropped=0.5 drops half of the readings"),
     (["scenario=car", "data=files", "scenario.duration=20"], "steps=N takes the first N steps"),
-    (["+experiment=car_matched", "data=files"], "scenario.truth=model of the experiment would not be read: it is of"),
+    (
+        ["+experiment=car_matched", "data=files"],
+        "scenario.truth=model of the experiment would not be read: it belongs to",
+    ),
     (["+experiment=landmark_commands", "data=files"], "scenario.drive=commands of the experiment would not be read"),
-    (["scenario=field", "scenario.box_low=[1,1]"], "would not be read: it is of scenario.prior=uniform; leave it out"),
-    (["scenario=radar", "scenario.bearing_sd.ii=1"], "bearing_sd.ii=1 would not be read: it is of scenario.case=ii"),
-    (["+experiment=field_errors", "filter.gate=0.9"], "there are several filters: write filters.<ekf|pf>.gate"),
-    (["filter=[pf,ekf]", "filter.particles=9"], "there are several filters: write filters.<pf|ekf>.particles"),
-    (["data.clock_gap=9"], "data.clock_gap=9 would not be read: it is of other files, that carry times; leave it out"),
-    (["scenario=landmark", "data.clock_faults=0.1"], "data.clock_faults=0.1 would not be read: it is of data=files"),
+    (
+        ["scenario=field", "scenario.box_low=[1,1]"],
+        "would not be read: it belongs to scenario.prior=uniform; leave it out",
+    ),
+    (
+        ["scenario=radar", "scenario.bearing_sd.ii=1"],
+        "bearing_sd.ii=1 would not be read: it belongs to scenario.case=ii",
+    ),
+    (["+experiment=field_errors", "filter.gate=0.9"], "there are several filters; write filters.<ekf|pf>.gate"),
+    (["filter=[pf,ekf]", "filter.particles=9"], "there are several filters; write filters.<pf|ekf>.particles"),
+    (
+        ["data.clock_gap=9"],
+        "data.clock_gap=9 would not be read: it belongs to other files, that carry times; leave it out",
+    ),
+    (
+        ["scenario=landmark", "data.clock_faults=0.1"],
+        "data.clock_faults=0.1 would not be read: it belongs to data=files",
+    ),
     (["data.prefix=x"], "data.prefix=x would not be read: add data=files"),
     (["scenario=radar", "filter=ekf", "dropped=0.5"], "dropped=0.5: radar has no readings to drop; leave it out"),
     (["dropped=1.5"], "dropped must be a share from 0 to 1, got 1.5"),

@@ -139,7 +139,7 @@ def test_flags_go_first_with_their_values_wherever_they_stand():
         (f"seed={'{a:' * 4000}", "brackets lie more than 20 deep"),
         (f"seed={'str(' * 4000}", "brackets lie more than 20 deep"),
         (f"output={'${' * 4000}", "brackets lie more than 20 deep"),
-        (f"seed={'9' * 5000}", "is too large a number"),
+        (f"seed={'9' * 5000}", "the number is too large"),
     ],
 )
 def test_a_word_that_would_keep_the_parser_busy_is_refused(word, message):
@@ -156,13 +156,13 @@ MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{i}: &a{i} {{<<: [{','.join([f'*a{i - 1
     [
         (LAUGHS, "stands for more than 100000 values"),
         (MERGES, "stands for more than 100000 values"),
-        ("a: &a [*a]\n", r"the alias \*a stands for what it is in"),
+        ("a: &a [*a]\n", r"the alias \*a refers to the value that contains it"),
         ("a: " + "[" * 90 + "]" * 90, "deep"),
         ("a: " + "[" * 90_000, "deep|nesting depth"),
         ("- " * 5000, "deep|nesting depth"),
-        ("a: [1,\nb: 2\n", "line 3: is no YAML"),
+        ("a: [1,\nb: 2\n", "line 3: is not YAML"),
         ("x" * 300_000, "is larger than any configuration"),
-        ("a: \x00", "is no YAML"),
+        ("a: \x00", "is not YAML"),
     ],
 )
 def test_a_file_of_configuration_that_is_a_bomb_is_refused_by_its_name(content, message, tmp_path):
@@ -216,7 +216,7 @@ def test_no_file_of_ours_states_a_mode(path):
 
 
 def test_a_sweep_without_end_is_refused_before_it_is_written_out():
-    with pytest.raises(UserError, match="a sweep of more than 1000000 jobs"):
+    with pytest.raises(UserError, match="a sweep has at most 1000000 jobs"):
         combinations({"a": ["1"] * 2000, "b": ["1"] * 2000}, [])
     assert MOST == 1_000_000
 

@@ -33,12 +33,12 @@ def exchanged(codes):
 
 SAID = {
     "as it is": ({}, None),
-    "milliseconds": ({(name, 0): lambda t: 1000.0 * t for name in TIMED}, "distances commanded are 8.3e+02 times"),
-    "km/h": ({("Odometry.dat", 1): lambda v: 3.6 * v}, "distances commanded are 3 times those of the truth"),
-    "backward": ({("Odometry.dat", 1): np.negative}, "distances commanded are -0.83 times those of the truth"),
-    "bearings to the right": ({("Measurement.dat", 3): np.negative}, "half of the bearings are off the truth's by"),
-    "ranges in cm": ({("Measurement.dat", 2): lambda r: 100.0 * r}, "half of the ranges are off the truth's by"),
-    "two barcodes exchanged": ({("Barcodes.dat", 1): exchanged}, "half of the ranges to barcodes 61, 81 are off"),
+    "milliseconds": ({(name, 0): lambda t: 1000.0 * t for name in TIMED}, "commanded distances are 8.3e+02 times"),
+    "km/h": ({("Odometry.dat", 1): lambda v: 3.6 * v}, "commanded distances are 3 times those of the truth"),
+    "backward": ({("Odometry.dat", 1): np.negative}, "commanded distances are -0.83 times those of the truth"),
+    "bearings to the right": ({("Measurement.dat", 3): np.negative}, "half of the bearings differ from the truth by"),
+    "ranges in cm": ({("Measurement.dat", 2): lambda r: 100.0 * r}, "half of the ranges differ from the truth by"),
+    "two barcodes exchanged": ({("Barcodes.dat", 1): exchanged}, "half of the ranges to barcodes 61, 81 differ"),
     "truth of another clock": ({("Groundtruth.dat", 0): lambda t: 1000.0 * t}, "do its clock and that of the commands"),
 }
 

@@ -60,12 +60,12 @@ def broken(*_args, **_keys):
 
 FIGURES = [
     (tabulated, "_all_components", {"shares inside of pf"}, False),
-    (tabulated, "_judged", {"what is judged of pf"}, False),
+    (tabulated, "_judged", {"judged figures of pf"}, False),
     (tabulated, "_credibility", {"credibility of pf"}, False),
     (tabulated, "_innovations", {"likelihood of pf"}, False),
     (tabulated, "_efficiency", {"efficiency of pf"}, False),
     (tabulated, "_found", {"found of pf"}, False),
-    (tabulated, "_noted", {"what the filter noted of pf"}, False),
+    (tabulated, "_noted", {"the filter's notes of pf"}, False),
     (tabulated, "_diverged", {"diverged runs of pf"}, False),
     (tabulated, "_errors", {"errors of pf"}, True),
     (statistics, "consistency_tests", {"tests of pf"}, False),
@@ -162,7 +162,7 @@ def test_a_problems_own_pictures_and_what_it_adds_to_others_may_throw(sonar, mon
     monkeypatch.setattr(Sonar, "pictures", broken)
     monkeypatch.setattr(Sonar, "draw", broken)
     attempts = sonar.written(tmp_path, plots=True)
-    assert set(attempts.missing) == {"the problem's own pictures", "what the problem adds to pictures"}
+    assert set(attempts.missing) == {"the problem's own pictures", "the problem's additions to pictures"}
     assert (tmp_path / "plots/trajectory.png").exists()
 
 

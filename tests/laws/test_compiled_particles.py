@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from estlab.compiled import cache
 from estlab.errors import UserError
+from estlab.filters.compiled_particles import CompiledParticleFilter
 from estlab.filters.loop import Loop
+from estlab.filters.particle_code import CompiledGenerators, ParticleCode
 from estlab.filters.particle_engine import ParticleLoop
+from estlab.maths import cloud
+from estlab.maths.resampling import SCHEMES
 from estlab.maths.streams import Streams
 from estlab.models.contract import Motion
 from tests import pendulum
@@ -107,7 +114,7 @@ def test_models_that_cannot_be_traced_are_named_or_run_on_numpy(caplog):
     wanted, record = settings("filter=pf", "filter.particles=20").filter, pendulum.record(runs=1)
     line = (
         r"^engine=compiled cannot trace branching \(tests/pendulum\.py:\d+\): it branches on a value: take np\.where; "
-        r"take engine=numpy$"
+        r"set engine=numpy$"
     )
     with pytest.raises(UserError, match=line):
         estimated(ParticleLoop(wanted, *models), record)
@@ -115,7 +122,7 @@ def test_models_that_cannot_be_traced_are_named_or_run_on_numpy(caplog):
     loop = ParticleLoop(wanted, *models, insist=False)
     loop.prepare(record, Streams(1, "test").generators("filter", range(1)))
     np.testing.assert_array_equal(estimated(loop, record).mean, estimated(Loop(wanted, *models), record).mean)
-    assert caplog.text.count("engine=numpy, since models cannot be traced: branching (tests/pendulum.py:") == 1
+    assert caplog.text.count("engine=numpy, because the models cannot be traced: branching (tests/pendulum.py:") == 1
 
 
 def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplog):
@@ -127,7 +134,7 @@ def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplo
     with pytest.raises(UserError, match=r"^engine=compiled: llvmlite cannot be loaded \(libllvmlite\.so: cannot open"):
         estimated(ParticleLoop(wanted, *MODELS), record)
     found = estimated(ParticleLoop(wanted, *MODELS, insist=False), record)
-    assert "engine=numpy, since llvmlite cannot be loaded" in caplog.text
+    assert "engine=numpy, because llvmlite cannot be loaded" in caplog.text
     np.testing.assert_array_equal(found.mean, estimated(Loop(wanted, *MODELS), record).mean)
 
 
@@ -149,3 +156,58 @@ def test_noise_whose_entries_come_and_go_is_all_taken():
     record = replace(record, time=time)
     numpy, compiled = (estimated(kind(wanted, motion, pendulum.SENSOR), record) for kind in (Loop, ParticleLoop))
     np.testing.assert_allclose(compiled.mean, numpy.mean, rtol=1e-9, atol=1e-12)
+
+
+class Fixed(CompiledGenerators):
+    """Given uniform numbers (N, runs) in the place of drawn ones."""
+
+    def __init__(self, code, numbers):
+        super().__init__(code, np.zeros((numbers.shape[1], 4), dtype=np.uint64), np.zeros((numbers.shape[1], 8)),
+                         np.arange(numbers.shape[1]))  # fmt: skip
+        self.numbers = numbers
+
+    def uniforms(self, shape):
+        return self.numbers[: shape[0]]
+
+
+def both(scheme, count, lanes=None):
+    """A filter in NumPy, and the same one compiled."""
+    wanted = settings("filter=pf", f"filter.particles={count}", f"filter.resampling={scheme}").filter
+    return wanted, CompiledParticleFilter.of(wanted, ParticleCode(*MODELS, lanes or cache.lanes()))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("count", [2, 8, 1000])
+def test_particles_are_chosen_as_numpy_chooses_them(scheme, count):
+    """Ties, points of no weight, one that has it all, and edges that fall on the positions themselves."""
+    rng = np.random.default_rng(4)
+    weights = rng.random((count, 6)) ** 8
+    weights[:, 1] = 1.0
+    weights[count // 2 :, 2] = 0.0
+    weights[:, 3] = np.eye(count)[count // 3]
+    weights[:, 4] = rng.integers(0, 3, count)
+    weights[0, 4] = 1.0
+    weights /= weights.sum(axis=0)
+    numpy, compiled = both(scheme, count)
+    for u in (rng.random((count, 6)), np.zeros((count, 6)), np.full((count, 6), 1.0 - 2.0**-53)):
+        expected, found = (f._chosen(weights, Fixed(compiled.code, u)) for f in (numpy, compiled))
+        np.testing.assert_array_equal(found, expected)
+
+
+@given(
+    hnp.arrays(
+        float,
+        st.tuples(st.integers(2, 40), st.integers(1, 3)),
+        elements=st.one_of(st.floats(-800.0, 800.0), st.sampled_from([np.nan, -np.inf, np.inf, -0.0])),
+    ),
+    st.sampled_from([2, 4, 8]),
+)
+def test_weights_of_any_logarithms_are_numpys(logs, lanes):
+    """NaN is none; where there are none, all are alike; whatever the number of particles and the width."""
+    numpy, compiled = both("systematic", len(logs), lanes)
+    expected, found = (f._weights(cloud.laid_out(logs[None])[0]) for f in (numpy, compiled))
+    np.testing.assert_array_equal(found.vanished, expected.vanished)
+    np.testing.assert_allclose(found.linear, expected.linear, rtol=1e-12, atol=1e-300)
+    np.testing.assert_allclose(found.size, expected.size, rtol=1e-12)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_allclose(np.exp(found.log), found.linear, rtol=1e-12, atol=1e-300)

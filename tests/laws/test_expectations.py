@@ -118,7 +118,7 @@ def test_a_verdict_is_one_of_the_words_allowed():
         ({"rmse": {"ekf": {"postion": 1}}}, "not found (did you mean position?)"),
         ({"rmse": {"ekf": 1}}, "not found (name one of x, position)"),
         ({"anees": {"ekf": {"x": 1}}}, "not found (there are all)"),
-        ({"ess": {"ekf": 1}}, "not found (ekf has none; name pf)"),
+        ({"ess": {"ekf": 1}}, "not found (ekf has no such metric; name pf)"),
     ],
 )
 def test_what_is_not_there_is_not_met_and_the_nearest_is_named(expect, said):
@@ -147,17 +147,17 @@ def test_a_value_just_outside_is_shown_with_the_digits_that_say_so():
     ("expect", "message"),
     [
         (5, "expect must be a group, as in expect.rmse.x=[0.1,0.2], or null for none; got 5"),
-        ({"rmse": {"x": [0.2, 0.1]}}, "expect.rmse.x must have its low bound first, got [0.2, 0.1]"),
-        ({"rmse": {"x": {"min": 2, "max": 1}}}, "expect.rmse.x must have its low bound first"),
+        ({"rmse": {"x": [0.2, 0.1]}}, "expect.rmse.x: write the lower bound first, got [0.2, 0.1]"),
+        ({"rmse": {"x": {"min": 2, "max": 1}}}, "expect.rmse.x: write the lower bound first"),
         ({"rmse": {"x": [0.1]}}, "expect.rmse.x must be [low, high], min and max, or a number, got [0.1]"),
         ({"rmse": {"x": "small"}}, "expect.rmse.x must be [low, high], min and max, or a number, got 'small'"),
         ({"rmse": {"x": True}}, "expect.rmse.x must be [low, high]"),
         ({"rmse": {"x": [math.nan, 1]}}, "expect.rmse.x must be [low, high]"),
         ({"rmse": {"x": 10**400}}, "expect.rmse.x must be [low, high]"),
-        ({"rmse": {"x": {"min": 1, "mxa": 2}}}, "expect.rmse.x takes min and max and nothing beside them, got mxa"),
+        ({"rmse": {"x": {"min": 1, "mxa": 2}}}, "expect.rmse.x takes only min and max, got mxa"),
         ({"rmse": {"x": {"mni": 1}}}, "expect.rmse.x.mni: there is no filter x or mni here; did you mean min?"),
         ({"rmse": {"x": {"efk": 1}}}, "there is no filter x or efk here; did you mean ekf? (one of ekf, pf)"),
-        ({"rmse": {"x": {"ekf": {"y": 1}}}}, "expect.rmse.x.ekf.y: y is a name too many"),
+        ({"rmse": {"x": {"ekf": {"y": 1}}}}, "expect.rmse.x.ekf.y: y is one name too many"),
         ({"verdict": {"efk": "lost"}}, "expect.verdict.efk: there is no filter efk here; did you mean ekf?"),
         ({"verdict": "consistnt"}, f"must be one of {', '.join(WORDS)}, got consistnt; did you mean consistent?"),
         ({"verdict": {"ekf": 3}}, "expect.verdict.ekf must be one of consistent, "),
@@ -192,7 +192,7 @@ def test_the_table_for_machines_has_values_in_full():
 
 def test_the_interval_stands_beside_the_value():
     assert Finding("ekf", "rmse.x", "1", "0.15", False, 0.15, 0.1, 0.2).cells() == (
-        "ekf", "rmse.x", "1", "0.15 [0.1, 0.2]", "FAILED",
+        "ekf", "rmse.x", "1", "0.15 [0.100, 0.200]", "FAILED",
     )  # fmt: skip
 
 

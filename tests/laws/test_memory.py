@@ -24,7 +24,7 @@ def test_a_limit_too_low_to_import_the_libraries_is_one_line_before_they_are(mos
     held_to(most)
     assert main(["run", "scenario=landmark"]) == 2
     assert capsys.readouterr().err == (
-        f"estlab: out of memory: estlab run takes 320 MB of addresses and this process may have {most}; "
+        f"estlab: out of memory: estlab run needs 320 MB of address space and this process may use {most}; "
         "raise its limit, for example ulimit -v unlimited\n"
     )
     assert main(["--version"]) == 0

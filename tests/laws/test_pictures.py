@@ -246,7 +246,7 @@ def test_without_truth_estimates_are_drawn_and_no_panel_is_empty():
     for i, axes in enumerate(drawn["errors.png"].axes):
         line = next(line for line in axes.get_lines() if "estimate" in line.get_label())
         np.testing.assert_array_equal(line.get_ydata(), made.arrays["mean"][i, :, 0])
-        assert "truth not known" in line.get_label()
+        assert "truth unknown" in line.get_label()
 
 
 NAMES = ("$a$ and $", "_hidden", "位置\x07", "long " * 40, r"\frac{", "#%&~^")

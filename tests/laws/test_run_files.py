@@ -83,7 +83,7 @@ def test_no_folder_on_the_way_is_followed(trap, root):
         lambda: RunDirectory(root / "way", root),
         lambda: RunDirectory(root / "way/run", root),
     ):
-        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is no folder)"):
+        with pytest.raises((files.RefusedError, UserError), match=r"(?s)(?=.*theirs/way).*(is a link|is not a folder)"):
             use()
     assert not files.is_file(root, "way/file")
 
@@ -106,7 +106,7 @@ def test_a_file_with_a_second_name_elsewhere_is_not_written_as_it_stands(root):
 def test_a_file_that_is_too_large_is_not_read(root):
     with open(root / "zeros", "wb") as stream:
         stream.truncate(2**40)  # which take no room
-    with pytest.raises(files.RefusedError, match="larger than what a run writes"):
+    with pytest.raises(files.RefusedError, match="larger than any file of a run"):
         files.read(root, "zeros", 2**20)
 
 
@@ -141,10 +141,10 @@ def test_a_full_disk_leaves_the_old_file_or_the_status_in_place(state, root, mon
     directory = RunDirectory(root / "run")
     directory.write_text("kept", "whole")
 
-    def full(handle: int) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "replace", full)
     with pytest.raises(OSError, match="No space left on device: 'theirs/run/kept'"):
         directory.write_text("kept", "half")
     directory.finish("failed", "the disk is full", 1)
@@ -170,3 +170,24 @@ def test_a_directory_that_is_removed_is_not_made_again(again, root):
 def test_what_the_user_names_may_be_a_device_or_a_pipe():
     assert write_whole(Path("/dev/null"), lambda stream: stream.write(b"x")) == Path("/dev/null")
     assert Path("/dev/null").is_char_device()
+
+
+def test_the_disk_is_waited_for_once_for_all_that_was_written(root, monkeypatch):
+    directory = RunDirectory(root / "run")
+    names, synced = ["run.json", "metrics.csv", "plots/errors.png"], []
+    sync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(os.fstat(handle).st_ino), sync(handle)))
+    for name in names * 2:
+        directory.write_text(name, "x")
+    assert synced == []
+    directory.write_text("gone", "x")
+    (root / "run/gone").unlink()
+    directory.sync()
+    assert sorted(synced) == sorted((root / "run" / name).stat().st_ino for name in names)
+
+    def full(handle: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="Input/output error: 'theirs/run/"):
+        directory.sync()

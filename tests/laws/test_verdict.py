@@ -156,7 +156,7 @@ def test_few_runs_say_what_more_would_show_and_nothing_ends_in_a_colon():
         assert float(re.search("beyond (\\S+)", said.sentence)[1]) > 2.0
     unknown = replace(record, truth=np.full_like(record.truth, np.nan))
     said = verdict(told(unknown, filtered(record), nothing))
-    assert said.sentence == "undecided: the truth is not known and there are no innovations"
+    assert said.sentence == "undecided: the truth is unknown and there are no innovations"
 
 
 def test_a_cloud_that_lost_its_states_is_starved_and_a_small_one_whose_errors_leave_it_overconfident():

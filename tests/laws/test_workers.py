@@ -106,7 +106,7 @@ def test_a_worker_that_wants_to_exit_does_not_end_in_silence():
 
 
 def test_a_killed_worker_is_one_line_that_names_the_remedy():
-    with pytest.raises(WorkerLostError, match="SIGKILL, as the system ends it when memory runs out; take cores=1"):
+    with pytest.raises(WorkerLostError, match="SIGKILL, as the system does when memory runs out; set cores=1"):
         together("die", 3)
     assert multiprocessing.active_children() == []
 
@@ -150,3 +150,21 @@ def test_a_process_of_a_pool_leaves_the_cores_to_the_pool(monkeypatch):
     assert cores.processes(2, 100) == 2
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
     assert cores.processes(2, 100) == 1, "it may start none"
+
+
+def test_linear_algebra_has_one_thread_meanwhile_unless_the_user_says_how_many(monkeypatch):
+    for name in cores._THREADS:
+        monkeypatch.delenv(name, raising=False)
+    count, set_count = cores._openblas()
+    before = count()
+    set_count(2)
+    try:
+        with pytest.raises(AttributeError), cores.one_thread_meanwhile():
+            assert count() == 1
+            raise AttributeError("of the body")
+        assert count() == 2
+        monkeypatch.setenv("OMP_NUM_THREADS", "2")
+        with cores.one_thread_meanwhile():
+            assert count() == 2
+    finally:
+        set_count(before)

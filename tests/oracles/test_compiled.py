@@ -22,6 +22,8 @@ from tests.compiled import assert_same, by_both, estimated, with_readings
 from tests.conftest import options, settings
 from tests.plugins.constant_velocity import Cart
 
+pytestmark = pytest.mark.slow
+
 LANDMARK = ("scenario=landmark", "steps=40", "runs=3")
 CAR = ("scenario=car", "steps=12", "runs=2")
 FIELD = ("scenario=field", "steps=40", "runs=3")
@@ -189,14 +191,14 @@ def test_a_model_that_cannot_be_traced_is_named_or_runs_on_numpy(caplog):
     models = replace(pendulum.MOTION, move=pendulum.branching), pendulum.SENSOR
     line = (
         r"^engine=compiled cannot trace branching \(tests/pendulum\.py:\d+\): it branches on a value: take np\.where; "
-        r"take engine=numpy$"
+        r"set engine=numpy$"
     )
     record = pendulum.record(runs=1)
     with pytest.raises(UserError, match=line):
         estimated(CompiledLoop(EKF, *models), record)
     caplog.set_level("INFO", "estlab")
     found = estimated(CompiledLoop(EKF, *models, insist=False), record)
-    assert "engine=numpy, since models cannot be traced: branching (tests/pendulum.py:" in caplog.text
+    assert "engine=numpy, because the models cannot be traced: branching (tests/pendulum.py:" in caplog.text
     assert np.array_equal(found.mean, estimated(Loop(EKF, *models), record).mean)
 
 
@@ -234,7 +236,7 @@ def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplo
 
     monkeypatch.setattr(cache, "lanes", missing)
     models, record = (pendulum.MOTION, pendulum.SENSOR), pendulum.record()
-    line = r"^engine=compiled: llvmlite cannot be loaded \(libllvmlite\.so: cannot open .+\); install it anew, or take"
+    line = r"^engine=compiled: llvmlite cannot be loaded \(libllvmlite\.so: cannot open .+\); reinstall it, or set"
     with pytest.raises(UserError, match=line):
         estimated(CompiledLoop(EKF, *models), record)
     found = estimated(CompiledLoop(EKF, *models, insist=False), record)

@@ -1,9 +1,9 @@
 """The document's own equations for the robot on video, and its filters written out plainly."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
+import estlab
 from estlab.cli.main import main
 from estlab.errors import UserError
 from estlab.maths.finite_differences import hessian
@@ -197,7 +197,7 @@ def test_the_simulated_drive_stays_on_the_table():
 def test_the_divergence_is_told_and_drawn_with_its_three_filters(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["run", "+experiment=epuck_divergence", "runs=2", "steps=60", "expect=null", "hydra.run.dir=out"]) == 0
-    closeness = pd.read_csv("out/epuck.csv").set_index("run 0")
+    closeness = estlab.load("out").own.set_index("run 0")
     assert list(closeness.index) == ["ekf", "second_order", "modified"]
     furthest = closeness["largest distance [cm]"]
     assert (furthest[["ekf", "second_order"]] < 1.0).all()
