@@ -181,7 +181,7 @@ def test_a_job_that_an_earlier_sweep_left_at_work_is_not_run_twice(undisturbed, 
     with subprocess.Popen(["sleep", "60"]) as other:
         (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", **marks_of(other.pid)}))
         assert main(["sweep", "--resume", "swept"]) == 2
-        assert f"process {other.pid}, of an earlier sweep, is still at work on it" in capsys.readouterr().err
+        assert f"process {other.pid} of an earlier sweep is still at work on it" in capsys.readouterr().err
         other.kill()
     assert main(["sweep", "--resume", "swept"]) == 0
 
