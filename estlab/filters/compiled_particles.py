@@ -41,7 +41,7 @@ class CompiledParticleFilter(ParticleFilter):
         old = belief.weights
         log, weight, size, vanished = flat(old.log), flat(old.linear), old.size.copy(), old.vanished.copy()
         size[few], vanished[few] = self.particles, False
-        choice = self._choice(belief.generators.take(few), drawn=self.resampling == "multinomial")
+        choice = self._choice(belief.generators.take(few) if self.resampling == "multinomial" else None)
         points, step = self._drawn(
             motion, belief.points, control, dt, belief.generators, **choice, nth_few=nth, log=log, weight=weight
         )
@@ -135,23 +135,20 @@ class CompiledParticleFilter(ParticleFilter):
         if self.resampling == "residual":
             return super()._chosen(weights, generators)
         (count, runs), weight, code = weights.shape, flat(weights), self.code
-        chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(generators, drawn=True)
+        chosen, choice = np.empty((runs, count), dtype=np.int64), self._choice(generators)
         code.choose(**code.common(count, 0, runs, None), **choice, weight=weight, chosen=chosen)
         return chosen.T
 
-    def _choice(self, generators: Generators, drawn: bool) -> dict[str, Any]:
-        """The uniform numbers of resampling, drawn here or to be drawn, and how positions come of them."""
+    def _choice(self, generators: Generators | None) -> dict[str, Any]:
+        """The uniform numbers of resampling, to be drawn without generators; and how positions come of them."""
         count = self.particles
         numbers = 1 if self.resampling == "systematic" else count
         strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
-        u: Array | int = self.code.address("u", numbers)
-        if drawn:
-            u = flat(generators.uniforms((numbers,)))
-            u = np.sort(u) if self.resampling == "multinomial" else u
-        return {
-            "u": u, "U_NEXT": numbers if drawn else 0, "U_STRIDE": int(numbers > 1), "U_DRAWN": 0 if drawn else numbers,
-            "strata": strata,
-        }  # fmt: skip
+        how = {"U_STRIDE": int(numbers > 1), "strata": strata}
+        if generators is None:
+            return how | {"u": self.code.address("u", numbers), "U_NEXT": 0, "U_DRAWN": numbers}
+        u = flat(generators.uniforms((numbers,)))
+        return how | {"u": np.sort(u) if self.resampling == "multinomial" else u, "U_NEXT": numbers, "U_DRAWN": 0}
 
 
 class _Weights:

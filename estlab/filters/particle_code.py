@@ -123,8 +123,8 @@ class ParticleCode:
         if key not in self._programs:
             program = cache.program(make())
             self._programs[key] = program, program.function("run")
-        fields = np.array([_word(given[name]) for name in names], dtype=np.int64)
-        self._programs[key][1](fields.ctypes.data)
+        words = [value if type(value) is int else _word(value) for value in map(given.__getitem__, names)]
+        self._programs[key][1](np.array(words, dtype=np.int64).ctypes.data)
 
     def _drawing(self) -> str:
         return particle_programs.drawing(self.lanes)
@@ -179,10 +179,10 @@ class CompiledGenerators(Generators):
 
 
 def _word(value: Any) -> int:
-    """A field of a program: an address or a number, of a float its bits."""
+    """A field of a program: an array's address, a number, of a float its bits."""
     if isinstance(value, np.ndarray):
         return value.ctypes.data
-    return int(np.float64(value).view(np.int64)) if isinstance(value, float) else value
+    return int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)
 
 
 def flat(values: Array) -> Array:
@@ -202,5 +202,6 @@ def apart(values: Array) -> int:
 
 
 def entries_of(matrix: Array) -> Entries:
-    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs, NaN being none."""
-    return tuple(zip(*(part.tolist() for part in np.nonzero((matrix != 0.0).any(axis=-1))), strict=True))
+    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs, as NaN is not."""
+    some = (matrix != 0.0).any(axis=-1).tolist()
+    return tuple((i, j) for i, row in enumerate(some) for j, entry in enumerate(row) if entry)

@@ -240,5 +240,5 @@ def test_without_llvm_auto_runs_on_numpy_and_compiled_says_so(monkeypatch, caplo
     with pytest.raises(UserError, match=line):
         estimated(CompiledLoop(EKF, *models), record)
     found = estimated(CompiledLoop(EKF, *models, insist=False), record)
-    assert "engine=numpy, since llvmlite cannot be loaded" in caplog.text
+    assert "engine=numpy, because llvmlite cannot be loaded" in caplog.text
     assert np.array_equal(found.mean, estimated(Loop(EKF, *models), record).mean)

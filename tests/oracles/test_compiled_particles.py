@@ -52,7 +52,7 @@ def test_another_numpy_is_known_by_its_numbers_and_taken_itself(monkeypatch, cap
         estimated(ParticleLoop(wanted, *models), record)
     caplog.set_level("INFO", "estlab")
     found = estimated(ParticleLoop(wanted, *models, insist=False), record)
-    assert "engine=numpy, since NumPy" in caplog.text
+    assert "engine=numpy, because NumPy" in caplog.text
     np.testing.assert_array_equal(found.mean, estimated(Loop(wanted, *models), record).mean)
 
 
