@@ -6,16 +6,13 @@ from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
 from benchmarks.speed import reference
 from estlab.config.build import build
-from estlab.config.locations import conf_folder
 from estlab.config.settings import Names, Settings
 from estlab.experiment.monte_carlo import loop_of, record_of
 from estlab.filters.loop import Loop
-from estlab.launch import resolvers
+from estlab.launch.in_process import compose
 from estlab.maths.streams import Streams
 from estlab.record import Estimates, Readings, Record
 
@@ -25,9 +22,8 @@ NAMES = Names("benchmark", "benchmark")
 
 def settings_of(*words: str) -> Settings:
     """The settings that these words of a command line compose."""
-    resolvers.register()
-    with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-        return build(OmegaConf.to_container(compose("config", overrides=list(words)), resolve=True), NAMES)
+    request, _ = compose(words)
+    return build(request.plain, NAMES)
 
 
 class Case:

@@ -20,7 +20,7 @@ from estlab.launch.commands import run_job, simulate_job
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, complain, launch
 from estlab.parallel.cores import enough_memory, one_thread_each
 from estlab.parallel.signals import interruptible
-from estlab.rundir.python_warnings import in_a_line
+from estlab.python_warnings import in_a_line
 
 _EXAMPLES = """\
 commands:

@@ -20,10 +20,10 @@ from estlab.maths.streams import Streams
 from estlab.models.lidar import STEP, cast, measure_frames, nearest_hit, rays, slabs
 
 PURPOSE = "readings"  # of the streams
-_CHUNK = 6_000  # frames whose arrays stay in the cache
+_FRAMES, _FRAMES_BY_NUMPY = 6_000, 1_600  # at once, whose arrays stay in the cache; NumPy has arrays of all their rays
 _MANY = 40_000  # frames from which loading the compiler pays
 _SURE = 1e-9  # rad of bearing, and share of a range, within which rounding might decide
-_WIDE = 3.0  # rad
+_WIDE = 3.0  # rad, which no rectangle reaches over that the sensor is well outside of
 _STEEP = 1e-5  # cosine of the angle between a ray and an edge's normal, below which its quotient is less exact
 
 
@@ -33,8 +33,8 @@ def measure_runs(states: Array, streams: Streams, runs: Sequence[int], sds: Sequ
     Each run's noise comes from its stream for readings. sds: of range [m] and bearing [rad].
     """
     _, steps, count = states.shape
-    together = max(1, _CHUNK // steps)
     scan = _compiled() if steps * count >= _MANY else None
+    together = max(1, (_FRAMES if scan else _FRAMES_BY_NUMPY) // steps)
     values = np.empty((3, steps, count))
     for begin in range(0, count, together):
         some, own = states[:, :, begin : begin + together], runs[begin : begin + together]
@@ -97,7 +97,6 @@ def _by_rays(scan: Fold, states: Array, streams: Streams, runs: Sequence[int], s
     """The measurements (3, runs * T), run by run."""
     steps, state = states.shape[1], _one_run_after_another(states)
     first, last, nearest, start, count = rays(state)
-    # A rectangle that contains the sensor, or is close to it, spans more than half a turn.
     sure = (last - first < _WIDE) & (nearest > _SURE) & (start * STEP - first > _SURE)
     sure &= last - (start + count - 1) * STEP > _SURE
     doubtful = ~sure & (count > 0)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from estlab.errors import UserError
+from estlab.python_warnings import in_a_line
 from estlab.rundir import files, provenance, status
 from estlab.rundir.layout import LOG, PLUGINS, RUN, STATUS
-from estlab.rundir.python_warnings import in_a_line
 from estlab.rundir.sources import sources
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from estlab import rundir
 from estlab.cli.main import main
-from estlab.rundir.python_warnings import in_a_line
+from estlab.python_warnings import in_a_line
 from estlab.scenarios.sonar import Sonar
 
 TINY = ("scenario=sonar", "filter=pf", "filter.particles=20", "runs=2", "steps=4", "plots=false", "report=false")

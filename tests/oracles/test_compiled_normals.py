@@ -42,3 +42,23 @@ def test_other_numbers_than_numpys_are_not_taken(monkeypatch, caplog):
         assert "NumPy draws the normal numbers" in caplog.text
     finally:
         drawn.code.cache_clear()
+
+
+@pytest.mark.parametrize("what", ["memory", "library"])
+def test_where_no_compiler_can_be_loaded_numpy_draws(monkeypatch, what):
+    def fails():
+        raise OSError("no such library")
+
+    if what == "memory":
+        monkeypatch.setattr(drawn.machine_code.resource, "getrlimit", lambda which: (2**28, 2**28))
+    else:
+        monkeypatch.setattr(drawn.machine_code, "_machine", fails)
+    assert not drawn.machine_code.loadable()
+    monkeypatch.setattr(drawn, "_MANY", 0)
+    drawn.code.cache_clear()
+    try:
+        streams = Streams(4, "car")
+        wanted = streams.normals("truth", range(3), (5, 2))
+        np.testing.assert_array_equal(drawn.normals(streams, "truth", range(3), (5, 2)), wanted)
+    finally:
+        drawn.code.cache_clear()
