@@ -4,15 +4,15 @@
 
     run = estlab.run("scenario=car", filter=["ekf", "ukf"], runs=200)
     run.metrics            # pandas DataFrames: metrics, errors, nees, nis, tests, runs
-    run.verdict["ukf"]     # what the tests say of a filter
+    run.verdict["ukf"]     # the tests' verdict on a filter
     run.figure("errors")   # a matplotlib figure
 
     estlab.load("runs/latest")    # a run from its directory
     estlab.runs("runs")           # all of them, a row for each filter of each run
     estlab.sweep("filter=ekf,ukf", "noise.filter.process_scale=0.5,1,2")
-    estlab.estimate("ukf", motion, sensor, prior, time, readings)   # a filter over arrays of your own
+    estlab.estimate("ukf", motion, sensor, prior, time, readings)   # a filter over your own arrays
 
-Every name is imported when it is first used, so ``import estlab`` itself takes no time. docs/python.md has it all.
+Every name is imported on first use, so ``import estlab`` itself takes no time. See docs/python.md.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Names of earlier versions of estlab: plugins that use them keep working, and a warning says the present name."""
+"""Names of earlier versions of estlab: plugins that use them keep working, and a warning gives the present name."""
 
 import importlib
 import sys
@@ -23,14 +23,14 @@ _OF_MODULES = {"Fit": "Innovation", "fit_of": "innovation_of", "placed": "replac
 
 
 def renamed(**names: str) -> Callable[[type[T]], type[T]]:
-    """A class whose arguments and attributes may also go by earlier names: earlier="present"."""
+    """A class whose arguments and attributes also have earlier names: earlier="present"."""
 
     def decorated(cls: type[T]) -> type[T]:
         plain = cls.__init__
 
         @wraps(plain)
         def init(self: T, *arguments: Any, **given: Any) -> None:
-            # replace(record, places=...) passes every field by its present name besides: what is typed is taken.
+            # replace(record, places=...) also passes every field by its present name: the typed value is used.
             for earlier in names.keys() & given.keys():
                 _warn(f"{cls.__name__}({earlier}=...)", f"{cls.__name__}({names[earlier]}=...)")
                 given[names[earlier]] = given.pop(earlier)
@@ -58,9 +58,9 @@ def _warn(earlier: str, present: str) -> None:
 
 
 class _Modules:
-    """Finder and loader of modules under their earlier names, which hand out what the present ones define.
+    """Finds and loads modules under their earlier names, with what the present ones define.
 
-    No subclass of importlib.abc, whose import takes as long as a start of Python.
+    Not a subclass of importlib.abc, whose import takes as long as a start of Python.
     """
 
     def find_spec(
@@ -83,5 +83,5 @@ class _Modules:
 
 
 def find_modules() -> None:
-    """From now on, find modules under their earlier names."""
+    """Make modules available under their earlier names."""
     sys.meta_path.append(_Modules())

@@ -2,5 +2,5 @@
 
 import logging
 
-# A library prints nothing of its own accord: who wants estlab's log gives this logger a handler.
+# A library prints nothing by itself: to see estlab's log, add a handler to this logger.
 logging.getLogger("estlab").addHandler(logging.NullHandler())

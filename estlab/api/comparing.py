@@ -1,4 +1,4 @@
-"""Runs side by side: which rows, which metrics, against which row; and all of it as a table."""
+"""Runs side by side: which rows, which metrics, against which row; and the result as a table."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 
 def compare(*paths: str | PathLike[str], metrics: Sequence[str] = (), against: int | str = 1) -> "DataFrame":
-    """Runs side by side, as ``estlab compare`` has them: a row for each filter of each run.
+    """Runs side by side, as in ``estlab compare``: a row for each filter of each run.
 
-    paths: run directories, folders that hold some, or patterns.
+    paths: run directories, folders of run directories, or patterns.
     metrics: "rmse.position", or "rmse" for all components; by default the errors, NEES, NIS and verdicts.
-    against: the row that the others are held against, by its number from 1, its label, filter or directory. Where two
+    against: the row to compare the others with, by its number from 1, its label, filter or directory. Where two
     met the same truth and readings, difference.<component> is the difference of their RMSE taken run by run, with its
     interval and Holm's p-value; else not_paired says why not.
 
-    What makes rows not like for like, and each run that is left out, is a warning.
+    Differences that make rows not comparable, and runs that are left out, are warnings.
 
-    Raises UserError where there is no run, and for a metric or a row that there is not.
+    Raises UserError if there is no run, and for an unknown metric or row.
 
     >>> import estlab
     >>> table = estlab.compare(folder, metrics=["rmse.position", "anees"])
@@ -45,7 +45,7 @@ def compare(*paths: str | PathLike[str], metrics: Sequence[str] = (), against: i
 
     rows, left_out = comparable_rows(run_directories([fspath(path) for path in paths]))
     if not rows:
-        raise UserError("; ".join(left_out) or "there is no run that can be compared")
+        raise UserError("; ".join(left_out) or "no run can be compared")
     chosen = chosen_metrics(rows, metrics)
     components = [component for name, component in chosen if name == "rmse"]
     number = number_of(rows, str(against))
@@ -56,7 +56,7 @@ def compare(*paths: str | PathLike[str], metrics: Sequence[str] = (), against: i
 
 
 def comparable_rows(paths: Sequence[Path]) -> tuple[list[ComparisonRow], list[str]]:
-    """The rows of all runs that are whole, and a line for each of the others."""
+    """The rows of all complete runs, and a line for each of the others."""
     rows, left_out = [], []
     for path in paths:
         try:
@@ -70,7 +70,7 @@ def comparable_rows(paths: Sequence[Path]) -> tuple[list[ComparisonRow], list[st
 
 
 def chosen_metrics(rows: Sequence[ComparisonRow], names: Sequence[str]) -> list[Metric]:
-    """The columns: those named, or errors of the position or of all together, or of each component, and verdicts."""
+    """The columns: those named; otherwise errors of the position, of all jointly or of each component, and verdicts."""
     known = list(dict.fromkeys([*(metric for row in rows for metric in row.metrics), VERDICT]))
     if not names:
         errors = dict.fromkeys(metric for row in rows for metric in usual(row.metrics) if metric[0] == "rmse")
@@ -86,7 +86,7 @@ def chosen_metrics(rows: Sequence[ComparisonRow], names: Sequence[str]) -> list[
 
 
 def number_of(rows: Sequence[ComparisonRow], wanted: str) -> int:
-    """The number of the row that is meant."""
+    """The number of the requested row."""
     if wanted.isdecimal() and 1 <= int(wanted) <= len(rows):
         return int(wanted)
     place = Path(wanted).resolve()
@@ -100,5 +100,5 @@ def number_of(rows: Sequence[ComparisonRow], wanted: str) -> int:
         if len(found) == 1:
             return found[0]
         if found:
-            raise UserError(f"--against {wanted}: rows {', '.join(map(str, found))} are; give one's number")
-    raise UserError(f"--against {wanted}: there is no such row; give a number from 1 to {len(rows)}")
+            raise UserError(f"--against {wanted}: matches rows {', '.join(map(str, found))}; give the number of one")
+    raise UserError(f"--against {wanted}: no such row; give a number from 1 to {len(rows)}")

@@ -1,4 +1,4 @@
-"""What a filter estimated, as arrays with named components."""
+"""A filter's estimates, as arrays with named components."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Component:
     """One component of a state over time.
 
-    mean, sd, truth, error: (T, runs), or (T,) where the estimates have no runs, in ``unit``. truth and error are NaN
-    where the truth is not known. error is the estimate less the truth, of an angle the short way round.
+    mean, sd, truth, error: (T, runs), or (T,) if the estimates have no axis of runs, in ``unit``. truth and error are
+    NaN where the truth is unknown. error is the estimate minus the truth, for an angle the short way round.
     """
 
     name: str
@@ -40,7 +40,7 @@ class FilterEstimates:
     space: names, units and angles of the components.
     time: (T,) [s].
     mean: (n, T, runs). cov: (n, n, T, runs). NaN from where a run diverged.
-    truth: (n, T, runs), NaN where it is not known.
+    truth: (n, T, runs), NaN where it is unknown.
     run: (runs,) the number of each run.
     nis: (T, runs) normalised innovation squared of the reading at each time, a chi-square of m degrees of freedom for a
     consistent filter; NaN where there was no reading. None for estimates that were read from a run directory.
@@ -86,11 +86,11 @@ class FilterEstimates:
 
     @cached_property
     def error(self) -> Array:
-        """The estimate less the truth (n, T, runs), angles the short way round; NaN where the truth is not known."""
+        """The estimate minus the truth (n, T, runs), angles the short way round; NaN where the truth is unknown."""
         return self.space.minus(self.mean, self.truth)
 
     def __getitem__(self, name: str) -> Component:
-        """A component by its name. Raises UserError for one that there is not."""
+        """A component by its name. Raises UserError for an unknown one."""
         if name not in self.names:
             raise UserError(
                 f"there is no component {name}{nearest(str(name), self.names)} (one of {', '.join(self.names)})"
@@ -127,7 +127,7 @@ class FilterEstimates:
 
 
 def of_arrays(space: Space, arrays: Mapping[str, Array], name: str) -> FilterEstimates:
-    """A filter's estimates from the arrays of estimates.npz, which of a single filter have no name before them."""
+    """A filter's estimates from the arrays of estimates.npz; those of a single filter have no prefix."""
     prefix = f"{name}." if f"{name}.mean" in arrays else ""
     mean, cov = arrays[f"{prefix}mean"], arrays[f"{prefix}cov"]
     return FilterEstimates(space, arrays["time"], mean, cov, arrays["truth"], arrays["run"])

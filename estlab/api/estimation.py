@@ -23,9 +23,9 @@ Engine = Literal["auto", "numpy", "compiled"]
 
 
 def make_filter(name: str, **settings: Any) -> AnyFilter:
-    """A filter by its name in ``estlab list filters``, with its shipped settings but for those that are given.
+    """A filter by its name in ``estlab list filters``, with its default settings, except those that you give.
 
-    Raises UserError for a name or a setting that there is not, and for a value that it cannot have.
+    Raises UserError for an unknown name or setting, and for an invalid value.
 
     >>> import estlab
     >>> estlab.make_filter("ekf", gate=0.999).gate
@@ -53,7 +53,7 @@ def estimate(
     seed: int = 1,
     engine: Engine = "auto",
 ) -> FilterEstimates:
-    """What a filter makes of readings: the belief after each of T times.
+    """A filter's estimates from readings: the belief after each of T times.
 
     n components of the state, m of a reading, c of a command. For one record of readings leave the axis of runs out;
     with it, all runs go through the filter together.
@@ -62,13 +62,13 @@ def estimate(
     motion, sensor: the models, see docs/python.md.
     prior: at ``start``: Gaussian with mean (n,) and cov (n, n), the same for all runs, or with mean (n, runs); Uniform.
     time: (T,) [s], ascending. readings: (m, T) or (m, T, runs), NaN where nothing was measured.
-    control: (c, T) or (c, T, runs), over the step that ends at each time; None for a motion that takes none.
-    start: the time of the prior [s]; time[0] unless given, and then the first reading meets the prior itself.
+    control: (c, T) or (c, T, runs), over the step that ends at each time; None for a motion without commands.
+    start: the time of the prior [s]; time[0] by default, where the first reading updates the prior itself.
     landmark: (T,) or (T, runs) the number of the landmark that each reading is about, among ``sensor.landmarks``; 0.
     truth: (n, T) or (n, T, runs), for the errors in the result.
-    smooth: estimates in the light of all readings (Rauch-Tung-Striebel), of the Gaussian family.
-    seed: of filters that draw random numbers.
-    engine: "numpy", "compiled", or "auto": compiled where it can be.
+    smooth: estimates from all readings (Rauch-Tung-Striebel), for the Gaussian family.
+    seed: for filters that draw random numbers.
+    engine: "numpy", "compiled", or "auto": compiled where possible.
 
     Raises UserError, in one line, for arrays whose shapes do not go together, for models that do not answer as they
     must, and for a filter that is not defined for them.
@@ -117,7 +117,7 @@ def _check_models(motion: Motion, sensor: Sensor) -> None:
 
 
 def _try_models(motion: Motion, sensor: Sensor, record: Record) -> None:
-    """Raise UserError unless the models answer as they must where the prior is."""
+    """Raise UserError unless the models work at the prior."""
     begin = record.prior.fitted()
     try_motion("motion", motion, begin, record.control, np.diff(record.time, prepend=record.start))
     if record.readings.step.size:
@@ -126,7 +126,7 @@ def _try_models(motion: Motion, sensor: Sensor, record: Record) -> None:
 
 
 def _loop(filter: AnyFilter, motion: Motion, sensor: Sensor, engine: Engine, smooth: bool) -> Loop:
-    """The filter with its models, held to each other."""
+    """The filter with its models, checked against each other."""
     if engine not in ("auto", "numpy", "compiled"):
         raise UserError(f"engine must be one of auto, numpy, compiled, got {engine!r}")
     parts = filter, motion, sensor
@@ -142,7 +142,7 @@ def _loop(filter: AnyFilter, motion: Motion, sensor: Sensor, engine: Engine, smo
 
 
 def _named(motion: Motion, record: Record, found: Estimates) -> FilterEstimates:
-    """Estimates with the names of their components, and the NIS of each time."""
+    """Estimates with the names of their components, and the NIS at each time."""
     nis = np.full((record.time.size, record.runs), np.nan)
     nis[record.readings.step] = np.where(
         np.isfinite(found.whitened).any(axis=0), np.nansum(found.whitened**2, axis=0), np.nan
@@ -151,7 +151,7 @@ def _named(motion: Motion, record: Record, found: Estimates) -> FilterEstimates:
 
 
 def _alone(found: FilterEstimates) -> FilterEstimates:
-    """Of a single run, without the axis of runs."""
+    """The estimates of a single run, without the axis of runs."""
     assert found.nis is not None
     return replace(
         found, mean=found.mean[..., 0], cov=found.cov[..., 0], truth=found.truth[..., 0], nis=found.nis[..., 0]

@@ -24,12 +24,12 @@ _COUNTS = ("runs", "steps", "seed")
 def load(path: str | PathLike[str] = "latest", plugins: Sequence[str] = ()) -> Run:
     """A run from its directory, of this or an earlier version of estlab.
 
-    path: the run directory, a link to it, a folder that holds this run alone, or a shell pattern that only it matches;
+    path: the run directory, a link to it, a folder with only this run, or a shell pattern that only it matches;
     "latest" is the last run below ``runs/``.
-    plugins: the packages of yours that the run's configuration may name. It is read as data in any case; only
+    plugins: your packages that the run's configuration may name. It is always read as data; only
     :meth:`Run.figure` makes objects of it, and the pictures of a plugin's scenario need the plugin.
 
-    Raises UserError where there is no such run, more than one, or one that cannot be read.
+    Raises UserError if there is no such run, more than one, or one that cannot be read.
 
     >>> import estlab
     >>> run = estlab.load(folder)
@@ -44,10 +44,10 @@ def load(path: str | PathLike[str] = "latest", plugins: Sequence[str] = ()) -> R
         word = "runs/latest"
     found = run_directories([word])
     if not found:
-        raise UserError(f"{word}: holds no run")
+        raise UserError(f"{word}: contains no run")
     if len(found) > 1:
         named = ", ".join(map(str, found[:_NAMED])) + (", ..." if len(found) > _NAMED else "")
-        raise UserError(f"{word}: holds {len(found)} runs ({named}); name one, or take estlab.runs for all of them")
+        raise UserError(f"{word}: contains {len(found)} runs ({named}); name one, or use estlab.runs for all of them")
     try:
         return Run(Stored(finished.read(found[0]), tuple(plugins)))
     except UserError:
@@ -59,11 +59,11 @@ def load(path: str | PathLike[str] = "latest", plugins: Sequence[str] = ()) -> R
 def runs(*paths: str | PathLike[str]) -> "DataFrame":
     """A table of runs: a row for each filter of each run in these directories, folders or patterns; ``runs/`` if none.
 
-    Its columns: path, began (a time with its zone), status, scenario, filter, changes (what was typed beside these),
+    Its columns: path, began (a time with its zone), status, scenario, filter, changes (the other typed words),
     runs, steps, seed, verdict, estlab (the version), problem (why a run has no figures; empty where it has), then a
     column for each metric and component, such as ``rmse.position``, ``anees``, ``diverged``. :func:`load` takes a path.
 
-    Raises UserError for a path that names nothing.
+    Raises UserError for a path that matches nothing.
 
     >>> import estlab
     >>> table = estlab.runs(folder)
@@ -106,7 +106,7 @@ def _lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _metrics(row: ComparisonRow) -> dict[str, float]:
-    """Each metric's value by its name, with its component where it has one."""
+    """Each metric's value by its name, with its component if it has one."""
     return {
         name if component == "all" else f"{name}.{component}": figure.found.value
         for (name, component), figure in row.metrics.items()

@@ -11,7 +11,7 @@ from estlab.metrics.vocabulary import ALL, heading, written, written_with_interv
 if TYPE_CHECKING:
     from estlab.api.run import Run
 
-_BESIDE = ("anees", "anis", "diverged")  # metrics that stand beside the errors
+_BESIDE = ("anees", "anis", "diverged")  # metrics beside the errors
 
 
 def of_run(run: "Run") -> str:
@@ -25,7 +25,7 @@ def of_run(run: "Run") -> str:
 
 
 def _table(run: "Run") -> str:
-    """A row for each filter: RMSE of each component, NEES, NIS, runs that diverged."""
+    """A row for each filter: RMSE of each component, NEES, NIS, diverged runs."""
     metrics = run.metrics
     errors = metrics[metrics["metric"] == "rmse"].drop_duplicates("component")
     columns = [

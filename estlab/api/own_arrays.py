@@ -1,4 +1,4 @@
-"""A person's own arrays as a record: each held to its shape, and what is wrong with one said in a line."""
+"""Your own arrays as a record: each is checked for its shape, and a fault gets one line."""
 
 from typing import Any
 
@@ -25,9 +25,9 @@ def record_of_arrays(
     landmark: Any,
     truth: Any,
 ) -> Record:
-    """The record of these arrays, whose shapes are those of :func:`estlab.estimate`.
+    """The record of these arrays, with the shapes of :func:`estlab.estimate`.
 
-    Raises UserError for one of another shape, with the shape that it must have.
+    Raises UserError for an array of another shape, with the required shape.
     """
     n, m = motion.space.size, sensor.space.size
     times = _numbers("time", time)
@@ -67,30 +67,30 @@ def _shaped(name: str, values: Array, shape: tuple[int, int, int], first: str) -
     whole = values[..., None] if values.ndim == 2 else values
     if whole.shape != shape:
         size, steps, runs = shape
-        turned = f"; it is the other way round, write {name}.T" if values.shape == (steps, size) else ""
+        turned = f"; it is transposed, write {name}.T" if values.shape == (steps, size) else ""
         wanted = f"({size}, {steps})" if runs == 1 else f"({size}, {steps}, {runs})"
         raise UserError(f"{name} has the shape {values.shape}; must be {wanted}: {first}, then time{turned}")
     return whole
 
 
 def _commands(values: Array, steps: int, runs: int) -> Array:
-    """(c, T, runs), or (c, T, 1) where all runs have the same."""
+    """(c, T, runs), or (c, T, 1) if all runs have the same commands."""
     whole = values[..., None] if values.ndim == 2 else values
     if whole.ndim != 3 or whole.shape[1] != steps or whole.shape[2] not in (1, runs):
-        turned = "; it is the other way round, write control.T" if values.ndim == 2 and len(values) == steps else ""
+        turned = "; it is transposed, write control.T" if values.ndim == 2 and len(values) == steps else ""
         raise UserError(f"control has the shape {values.shape}; must be (c, {steps}) or (c, {steps}, {runs}){turned}")
     return whole
 
 
 def _about(landmark: Any, steps: int, runs: int) -> Array:
-    """(T, runs) whole numbers."""
+    """(T, runs) integers."""
     if landmark is None:
         return np.zeros((steps, runs), dtype=int)
     numbers = np.asarray(landmark)
     if numbers.dtype.kind not in "iu" or numbers.shape not in ((steps,), (steps, runs)):
         raise UserError(
             f"landmark has the shape {numbers.shape} and the type {numbers.dtype}; must be ({steps},) or "
-            f"({steps}, {runs}) of whole numbers"
+            f"({steps}, {runs}) of integers"
         )
     return np.array(np.broadcast_to(numbers.reshape(steps, -1), (steps, runs)))
 

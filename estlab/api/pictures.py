@@ -24,7 +24,7 @@ def names(source: Source) -> tuple[str, ...]:
 def drawn(source: Source, name: str) -> "Figure":
     """A picture by its name, which a notebook shows whether or not pyplot is imported.
 
-    Raises UserError for one that the run does not have.
+    Raises UserError for a picture that the run does not have.
     """
     makers = _makers(source)
     figure = _made(makers[name]) if name in makers else None
@@ -42,7 +42,7 @@ def _made(make: plots.Make) -> "Figure | None":
 
 
 def _makers(source: Source) -> dict[str, plots.Make]:
-    """What draws each picture that a run may have, by its name."""
+    """The function that draws each picture that a run may have, by its name."""
     data = source.plot_data()
     histories = {name: history_of(data.arrays, name, data.filters) for name in data.filters}
     own = source.settings.scenario.pictures(histories)

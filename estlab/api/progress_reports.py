@@ -1,4 +1,4 @@
-"""How far a run is: on the terminal, in a notebook, or by calls of a function."""
+"""Reports the progress of a run: on the terminal, in a notebook, or by calling a function."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ Begin = Callable[[int], Callable[[int], None]]
 
 
 def progress_of(wanted: bool | Report, title: str) -> Progress:
-    """What shows the progress of a run of this title: nothing, a bar, or calls of a function."""
+    """The progress display for a run of this title: none, a bar, or calls of a function."""
     if callable(wanted):
         return partial(_reported, wanted)
     if not wanted:
@@ -25,7 +25,7 @@ def progress_of(wanted: bool | Report, title: str) -> Progress:
 
 @contextmanager
 def _reported(report: Report) -> Iterator[Begin]:
-    """Calls of the report with the steps done and the steps in all."""
+    """Calls of the report with the steps done and the total."""
 
     def begin(total: int) -> Callable[[int], None]:
         done = 0
@@ -41,7 +41,7 @@ def _reported(report: Report) -> Iterator[Begin]:
 
 
 class _Lines:
-    """A line on standard error for each tenth, where there is no terminal: in a notebook and in a log."""
+    """A line on standard error for each tenth, without a terminal: in a notebook and in a log."""
 
     def __init__(self, title: str) -> None:
         self.title, self.shown = title, 0

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class Run:
     """A run: filters on a problem over an ensemble, from :func:`estlab.run` or :func:`estlab.load`.
 
-    Its tables are pandas DataFrames, each with the columns and types of docs/python.md whatever the run. They are read
-    when they are first asked for; a table that the run does not have is one without rows.
+    Its tables are pandas DataFrames, each with the columns and types of docs/python.md for every run. They are read
+    on first use; a table that the run does not have is empty.
 
     A notebook shows the verdicts and the most important figures.
 
@@ -47,12 +47,12 @@ class Run:
 
     @property
     def title(self) -> str:
-        """What was run, in one line."""
+        """The run in one line."""
         return self._source.title
 
     @property
     def scenario(self) -> str:
-        """The problem, as it was named."""
+        """The name of the problem."""
         return self._source.scenario
 
     @property
@@ -62,12 +62,12 @@ class Run:
 
     @property
     def status(self) -> str:
-        """ok, unmet (whole, but not what was expected), failed, interrupted or running."""
+        """ok, unmet (complete, but an expectation was not met), failed, interrupted or running."""
         return str(self._source.status["status"])
 
     @property
     def unmet(self) -> str:
-        """What was expected and not found, in one line; empty if all was."""
+        """The expectations that were not met, in one line; empty if all were."""
         return str(self._source.status.get("error") or "") if self.status == "unmet" else ""
 
     @property
@@ -77,7 +77,7 @@ class Run:
 
     @property
     def facts(self) -> Mapping[str, Any]:
-        """What run.json says: versions, machine, data files with their hashes, seconds per run and step."""
+        """The content of run.json: versions, machine, data files with their hashes, seconds per run and step."""
         return dict(self._source.facts)
 
     @property
@@ -89,7 +89,7 @@ class Run:
     def metrics(self) -> "DataFrame":
         """A row for each filter, metric and component: the value over all runs with its 95 % interval.
 
-        Raises UserError for a run that has no whole result.
+        Raises UserError for a run without a complete result.
         """
         return self._source.table(rundir.METRICS)
 
@@ -120,7 +120,7 @@ class Run:
 
     @cached_property
     def comparison(self) -> "DataFrame":
-        """A row for each two filters and component: the difference of their RMSE, tested run by run."""
+        """A row for each pair of filters and component: the difference of their RMSE, tested run by run."""
         return self._source.table(rundir.COMPARISON)
 
     @cached_property
@@ -140,7 +140,7 @@ class Run:
 
     @cached_property
     def verdict(self) -> Mapping[str, Verdict]:
-        """What the tests say of each filter: ``word`` (consistent, lost, ...), ``sentence``, ``key``, ``p``."""
+        """The result of the tests for each filter: ``word`` (consistent, lost, ...), ``sentence``, ``key``, ``p``."""
         table = self._source.table(rundir.VERDICTS)
         columns = (table[name].tolist() for name in ("filter", *Verdict._fields))
         return {name: Verdict(*of) for name, *of in zip(*columns, strict=True)}
@@ -149,7 +149,7 @@ class Run:
     def estimates(self) -> Mapping[str, FilterEstimates]:
         """Each filter's estimates in the first ``keep_runs`` runs, as arrays.
 
-        Raises UserError where estimates.npz is missing or damaged.
+        Raises UserError if estimates.npz is missing or damaged.
         """
         arrays = self._source.arrays()
         return {name: estimates.of_arrays(self._source.space, arrays, name) for name in self.filters}
@@ -164,8 +164,8 @@ class Run:
 
         name: one of :attr:`figures`, such as "errors", "nees", "nis", "trajectory".
 
-        Raises UserError for a picture that the run does not have, and for a scenario of a plugin that was not given to
-        :func:`estlab.load`.
+        Raises UserError for a picture that the run does not have, and for the scenario of a plugin that you did not
+        pass to :func:`estlab.load`.
         """
         return pictures.drawn(self._source, name)
 

@@ -1,4 +1,4 @@
-"""Where a Run has its tables and arrays from: a directory, or the memory of this process."""
+"""Where a Run gets its tables and arrays: from a directory, or from the memory of this process."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Source(Protocol):
-    """What a Run is made of."""
+    """The data behind a Run."""
 
     @property
     def path(self) -> Path | None:
@@ -37,7 +37,7 @@ class Source(Protocol):
 
     @property
     def scenario(self) -> str:
-        """What it was called."""
+        """The name of the scenario."""
 
     @property
     def filters(self) -> tuple[str, ...]:
@@ -45,15 +45,15 @@ class Source(Protocol):
 
     @property
     def title(self) -> str:
-        """What was run, in one line."""
+        """The run in one line."""
 
     @property
     def facts(self) -> Mapping[str, Any]:
-        """What run.json says."""
+        """The content of run.json."""
 
     @property
     def status(self) -> Mapping[str, Any]:
-        """What status.json says."""
+        """The content of status.json."""
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -65,10 +65,10 @@ class Source(Protocol):
 
     @property
     def space(self) -> Space:
-        """Of the state."""
+        """The space of the state."""
 
     def table(self, file: str) -> "DataFrame":
-        """A table by the name of its file, without lines where there is none."""
+        """A table by the name of its file, empty if there is none."""
 
     def own(self) -> "DataFrame":
         """The problem's own table, without lines where it has none."""
@@ -77,12 +77,12 @@ class Source(Protocol):
         """The arrays of estimates.npz."""
 
     def plot_data(self) -> PlotData:
-        """What its pictures are drawn from."""
+        """The data for its pictures."""
 
 
 @dataclass(frozen=True)
 class Computed:
-    """A result in memory. facts, status: as run.json and status.json have them. path: where it is saved, if it is."""
+    """A result in memory. facts, status: as in run.json and status.json. path: where it is saved, if it is."""
 
     result: Result
     config: Mapping[str, Any]
@@ -127,7 +127,7 @@ class Computed:
 
 @dataclass(frozen=True)
 class Stored:
-    """A run directory, read as data. plugins: the packages of whoever reads it, whose classes it may name."""
+    """A run directory, read as data. plugins: the reader's packages whose classes it may name."""
 
     run: finished.Finished
     plugins: Sequence[str] = ()
@@ -164,7 +164,7 @@ class Stored:
 
     def table(self, file: str) -> "DataFrame":
         if file == rundir.METRICS and (why := finished.unfinished(self.status)):
-            raise UserError(f"{self.path}: has no whole result ({why})")
+            raise UserError(f"{self.path}: has no complete result ({why})")
         return tables.of_file(self.path, file)
 
     def own(self) -> "DataFrame":
@@ -191,7 +191,7 @@ class Stored:
 
     @cached_property
     def space(self) -> Space:
-        """That of the scenario; of one of a plugin's that is not trusted, by errors.csv, with angles in rad."""
+        """The scenario's space; for an untrusted plugin's scenario, from errors.csv, with angles in rad."""
         try:
             return self.settings.scenario.space
         except UserError:
@@ -200,7 +200,7 @@ class Stored:
             return Space(names, units, tuple(i for i, unit in enumerate(units) if unit == "rad"))
 
     def plot_data(self) -> PlotData:
-        """As its tables and arrays have them. Raises UserError like :attr:`settings`."""
+        """From its tables and arrays. Raises UserError like :attr:`settings`."""
         scenario, arrays = self.settings.scenario, self.arrays()
 
         def draw(axes: "Axes", name: str, place: int) -> None:
@@ -218,7 +218,7 @@ class Stored:
         )
 
     def _drawn_tables(self) -> dict[str, dict[str, Any]]:
-        """By file and filter: columns of what goes over time, rows of histograms."""
+        """By file and filter: columns of tables over time, rows of histograms."""
         found: dict[str, dict[str, Any]] = {}
         for file in (rundir.ERRORS, rundir.NEES, rundir.NIS, rundir.NOTES):
             found[file] = {
@@ -231,6 +231,6 @@ class Stored:
 
 
 def _is_repeated(arrays: Mapping[str, Array]) -> bool:
-    """Whether all runs are of one recording."""
+    """Whether all runs share one recording."""
     truth, values = arrays["truth"], arrays["values"]
     return all(np.array_equal(one, np.broadcast_to(one[..., :1], one.shape), equal_nan=True) for one in (truth, values))

@@ -1,4 +1,4 @@
-"""estlab.sweep: every combination of values, in a process of its own; and the directory of a sweep as an object."""
+"""estlab.sweep: every combination of values, in a separate process; and the directory of a sweep as an object."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ _MOMENT = 1.0  # seconds
 class Sweep(Mapping[str, Run]):
     """A sweep from its directory: its jobs' runs by name, in their order, and its tables.
 
-    path: the directory, as ``sweep.dir`` or the last line that ``estlab sweep`` prints. plugins: as for
+    path: the directory, such as ``sweep.dir`` or the last line that ``estlab sweep`` prints. plugins: as for
     :func:`estlab.load`.
 
     Raises UserError for a directory that is not a sweep's.
@@ -38,13 +38,13 @@ class Sweep(Mapping[str, Run]):
     >>> import estlab
     >>> estlab.Sweep("nowhere")
     Traceback (most recent call last):
-    estlab.errors.UserError: nowhere: is no directory of a sweep that has ended, it has no sweep.csv
+    estlab.errors.UserError: nowhere: not the directory of a finished sweep, because it has no sweep.csv
     """
 
     def __init__(self, path: str | PathLike[str], plugins: Sequence[str] = ()) -> None:
         self.path, self.plugins = Path(path), tuple(plugins)
         if not (self.path / SWEEP).is_file():
-            raise UserError(f"{self.path}: is no directory of a sweep that has ended, it has no {SWEEP}")
+            raise UserError(f"{self.path}: not the directory of a finished sweep, because it has no {SWEEP}")
 
     @cached_property
     def table(self) -> "DataFrame":
@@ -70,7 +70,7 @@ class Sweep(Mapping[str, Run]):
         return compare(self.path, metrics=metrics, against=against)
 
     def __getitem__(self, job: str) -> Run:
-        """The run of a job by its name. Raises KeyError for a job that there is not."""
+        """The run of a job by its name. Raises KeyError for an unknown job."""
         if job not in self._jobs:
             raise KeyError(job)
         return load(self.path / job, self.plugins)
@@ -97,14 +97,14 @@ class Sweep(Mapping[str, Run]):
 def sweep(*words: str, progress: bool = False, config_dir: str | PathLike[str] | None = None, **keys: Any) -> Sweep:
     """Run every combination of values, as ``estlab sweep`` does, and return the sweep.
 
-    words: as they are typed there: "filter=ekf,ukf", "noise.filter.process_scale=0.5,1,2", "sweep.repeats=3",
-    "hydra/sweeper=optuna", "hydra/launcher=joblib". keys: what all jobs have, as for :func:`estlab.run`.
-    progress: True shows on standard error what the command line does while it runs.
+    words: as you type them there: "filter=ekf,ukf", "noise.filter.process_scale=0.5,1,2", "sweep.repeats=3",
+    "hydra/sweeper=optuna", "hydra/launcher=joblib". keys: for all jobs, as for :func:`estlab.run`.
+    progress: True shows the command line's live line on standard error.
 
-    It runs in a process of its own, which has the folders of ``sys.path`` too; an interruption ends it in order, and
-    ``estlab sweep --resume`` goes on. Some jobs may fail: :attr:`Sweep.failures` says why.
+    It runs in a separate process, which also has the folders of ``sys.path``. An interruption ends it in order, and
+    ``estlab sweep --resume`` continues. Some jobs may fail: :attr:`Sweep.failures` says why.
 
-    Raises UserError where no job could start, EstlabError where none ended well.
+    Raises UserError if no job could start, EstlabError if none succeeded.
 
     >>> import estlab
     >>> found = estlab.sweep("filter=ekf,ukf", scenario="landmark", runs=3, steps=20)
@@ -152,7 +152,7 @@ def _finished(command: Sequence[str], progress: bool) -> tuple[int, list[str], l
 
 
 def _hear(stream: IO[str], lines: list[str], shown: bool) -> None:
-    """Keep the lines of a stream, and show them on standard error as they come if wanted."""
+    """Collect the lines of a stream, and show them on standard error as they arrive if requested."""
     for line in stream:
         lines.append(line.rstrip("\n"))
         if shown:
@@ -160,7 +160,7 @@ def _hear(stream: IO[str], lines: list[str], shown: bool) -> None:
 
 
 def _interrupt(process: "subprocess.Popen[str]") -> None:
-    """End a sweep in order. One of the same terminal has heard of the interruption already, and a second is a hurry."""
+    """End a sweep in order. A sweep on the same terminal already received the interruption; a second would kill it."""
     try:
         process.wait(_MOMENT)
     except subprocess.TimeoutExpired:
@@ -169,7 +169,7 @@ def _interrupt(process: "subprocess.Popen[str]") -> None:
 
 
 def _table(folder: Path, file: str) -> "DataFrame":
-    """A table of a sweep; an empty one where there is none."""
+    """A table of a sweep, with numeric columns as numbers; empty if there is none."""
     if not (folder / file).is_file():
         return tables.of_text("job\n")
     return tables.of_text(finished.text(folder, file, TABLE_BYTES))

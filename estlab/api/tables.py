@@ -1,4 +1,4 @@
-"""The tables of a run as DataFrames, whose columns and types are the same for every run."""
+"""The tables of a run as DataFrames, with the same columns and types for every run."""
 
 import io
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _INTERVAL = {"ci_low": float, "ci_high": float}
 
-# By file, its columns in their order. A column that is not listed, such as an RMSE of runs.csv, is of numbers.
+# The columns of each file in order. A column that is not listed, such as an RMSE of runs.csv, contains numbers.
 COLUMNS: dict[str, dict[str, type]] = {
     rundir.METRICS: {
         **{"filter": str, "metric": str, "component": str, "unit": str},
@@ -60,16 +60,16 @@ COLUMNS: dict[str, dict[str, type]] = {
 
 
 def of_columns(file: str, columns: Mapping[str, Any]) -> "DataFrame":
-    """The DataFrame of a table by column, as it would stand in a file of this name."""
+    """The DataFrame of a table by column, as in a file of this name."""
     import pandas as pd
 
     return _typed(file, pd.DataFrame({name: pd.Series(list(values)) for name, values in columns.items()}))
 
 
 def of_file(folder: Path, file: str) -> "DataFrame":
-    """A table of a run directory; an empty one where the run has none.
+    """A table of a run directory; empty if the run has none.
 
-    Raises UserError, naming the file, for one that is no such table.
+    Raises UserError that names the file if it is not such a table.
     """
     import pandas as pd
 
@@ -103,7 +103,7 @@ def _typed(file: str, frame: "DataFrame") -> "DataFrame":
 
 
 def _column(values: "Series | None", kind: type, size: int) -> "Series":
-    """Values as this type; where there are none, empty texts, NaN, 0 and false."""
+    """Values as this type; missing ones become empty texts, NaN, 0 and false."""
     import pandas as pd
 
     if values is None:

@@ -1,4 +1,4 @@
-"""Keys and values of Python as the words of a command line."""
+"""Python keys and values as the words of a command line."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,18 +12,18 @@ from estlab.errors import UserError
 from estlab.launch.path_arguments import is_path
 from estlab.launch.quoting import quoted
 
-# A text that Hydra's grammar takes for itself: no number, no word of its own, no sign.
+# A text that Hydra's grammar accepts as it is: not a number, not a reserved word, no special characters.
 _PLAIN = re.compile(r"(?!(?:null|true|false|inf|nan)\Z)[A-Za-z_][\w.-]*", re.IGNORECASE)
 
 
 def words_of(words: Sequence[str], keys: Mapping[str, Any]) -> list[str]:
-    """Words as they are typed, then a word for each key: a mapping is a group of keys, a list is written in brackets.
+    """Words as typed, then a word for each key: a mapping is a group of keys, a list is written in brackets.
 
-    Raises UserError for a value that no configuration can have.
+    Raises UserError for a value that a configuration cannot have.
     """
     for word in words:
         if not isinstance(word, str):
-            raise UserError(f"{word!r} is no text: write key=value as on the command line, or a keyword")
+            raise UserError(f"{word!r} is not a text: write key=value as on the command line, or a keyword")
     return [*words, *(word for key, value in keys.items() for word in _words(key, value))]
 
 
@@ -59,4 +59,6 @@ def _text(key: str, value: Any) -> str:
         return f"[{','.join(_text(key, item) for item in value)}]"
     if isinstance(value, Mapping):
         return f"{{{','.join(f'{name}: {_text(key, item)}' for name, item in value.items())}}}"
-    raise UserError(f"{key} is a {type(value).__name__}; a value is a number, a text, true or false, None, or a list")
+    raise UserError(
+        f"{key} is a {type(value).__name__}; a value must be a number, a text, true or false, None, or a list"
+    )

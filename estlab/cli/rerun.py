@@ -171,7 +171,7 @@ def _data_path(before: "Finished", was: str, typed: str | None) -> str:
 
 
 def _request(before: "Finished", config: dict[str, Any], arguments: Sequence[str]) -> "Request":
-    """The run of before with this configuration."""
+    """The request for the run with this configuration."""
     import yaml
 
     from estlab import rundir
@@ -189,7 +189,7 @@ def _request(before: "Finished", config: dict[str, Any], arguments: Sequence[str
 
 
 def _settings(before: "Finished", request: "Request", wanted: Rerun) -> "Settings":
-    """Its configuration as objects, held to estlab's own classes and the plugins that were typed."""
+    """Its configuration as objects, limited to estlab's own classes and the plugins that were typed."""
     from estlab import rundir
 
     if wanted.plugins:

@@ -1,7 +1,7 @@
-"""A function applied again and again to what it keeps of a member, such as a scan of one ray after another, compiled.
+"""A function applied repeatedly to a state, such as a scan of one ray after another, compiled.
 
-Members are as independent as runs are: a vector of them goes through its numbers at once, and what is found of one
-depends on no other.
+Members are independent, like runs: a vector of them processes its numbers at once, and the result for one depends on
+no other.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,10 +23,10 @@ _NUMBERS = ("members", "vectors")
 
 
 class Fold:
-    """``function(number, given, looked_up, kept, parameters)`` gives what is kept after one more number.
+    """``function(number, given, looked_up, kept, parameters)`` returns the state kept after one more number.
 
-    given, looked_up, kept, parameters: how many components each has. The function is one of components, as models are.
-    Raises UntraceableError, naming function, file and line, where it cannot be traced, OSError and ImportError where
+    given, looked_up, kept, parameters: their numbers of components. The function works on components, as models do.
+    Raises UntraceableError that names function, file and line, if it cannot be traced, OSError and ImportError if
     nothing can be compiled.
     """
 
@@ -46,11 +46,11 @@ class Fold:
     def __call__(
         self, count: Array, given: Array, table: Array, first: Array, kept: Sequence[float], parameters: Sequence[float]
     ) -> tuple[Array, Array]:
-        """What is kept (k, N) after the numbers 0 to count - 1 of each of N members; and of which (N,) it is right.
+        """The state (k, N) after the numbers 0 to count - 1 of each of N members; and for which (N,) it is correct.
 
-        given: (n, N). table, first: component i of what a member looks up for a number is table[first[i] + number],
-        first being (l, N). Members go on together as far as the longest of them, to numbers that the function is to
-        pass over, so the table ends with as many numbers more. kept: what is kept before the first.
+        given: (n, N). table, first: component i that a member looks up for a number is table[first[i] + number],
+        where first is (l, N). All members continue as far as the longest, to numbers that the function must ignore,
+        so the table ends with as many extra numbers. kept: the initial state.
         """
         members, lanes = count.size, self.lanes
         vectors = -(-members // lanes)

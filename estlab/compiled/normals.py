@@ -1,4 +1,4 @@
-"""The normal numbers that many runs begin their streams with, by compiled code: those of NumPy, to the last bit."""
+"""The first normal numbers of many runs' streams, by compiled code: NumPy's, to the last bit."""
 
 import logging
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from estlab.maths.streams import Streams
 
 log = logging.getLogger("estlab")
 
-_MANY = 500_000  # numbers, from which on loading the compiler pays
+_MANY = 500_000  # numbers from which loading the compiler pays
 _SAMPLE = 40_000  # numbers, ten of them from the tail
 
 
 def normals(streams: Streams, purpose: str, runs: Sequence[int], shape: tuple[int, ...]) -> Array:
-    """What Streams.normals gives: standard normal numbers (*shape, runs), each run from its own stream."""
+    """The result of Streams.normals: standard normal numbers (*shape, runs), each run from its own stream."""
     edges = np.arange(len(runs) + 1) * int(np.prod(shape))
     numbers = one_after_another(code() if edges[-1] >= _MANY else None, streams, purpose, runs, edges)
     return np.ascontiguousarray(np.moveaxis(numbers.reshape(len(runs), *shape), 0, -1))
@@ -30,9 +30,9 @@ def normals(streams: Streams, purpose: str, runs: Sequence[int], shape: tuple[in
 def one_after_another(
     code: "Normals | None", streams: Streams, purpose: str, runs: Sequence[int], edges: Array, room: int = 0
 ) -> Array:
-    """The first edges[i + 1] - edges[i] standard normal numbers of the i-th run, from place edges[i] on; then zeros.
+    """The first edges[i + 1] - edges[i] standard normal numbers of the i-th run, at edges[i] and up; then zeros.
 
-    code: what finds them; None for NumPy. room: how many zeros.
+    code: draws them; None for NumPy. room: the number of zeros.
     """
     found = np.empty(edges[-1] + room)
     found[edges[-1] :] = 0.0
@@ -52,7 +52,7 @@ class Normals:
         self._run, self._layers = self._code.function("run"), numpy_streams.layers()
 
     def __call__(self, seeds: Array, edges: Array, found: Array) -> None:
-        """Put each run's numbers into found[edges[i] : edges[i + 1]]."""
+        """Write each run's numbers to found[edges[i] : edges[i + 1]]."""
         arrays = (
             np.ascontiguousarray(seeds, dtype=np.uint64),
             np.ascontiguousarray(edges, dtype=np.int64),
@@ -64,7 +64,7 @@ class Normals:
 
 @cache
 def code() -> Normals | None:
-    """The code, where there is a compiler and a sample of its numbers is NumPy's."""
+    """The code, if there is a compiler and a sample of its numbers equals NumPy's."""
     if not machine_code.loadable():
         return None
     own, seed = Normals(machine_code.lanes()), np.random.SeedSequence(20)
@@ -72,12 +72,12 @@ def code() -> Normals | None:
     own(seed.generate_state(4, np.uint64)[None], np.array([0, _SAMPLE]), sample)
     if np.array_equal(sample, np.random.Generator(np.random.PCG64(seed)).standard_normal(_SAMPLE)):
         return own
-    log.info("normal numbers are drawn by NumPy, since those of compiled code are others on this machine")
+    log.info("NumPy draws the normal numbers, because those of compiled code differ on this machine")
     return None
 
 
 def _text(lanes: int) -> str:
-    # PCG64 is seeded as NumPy seeds it: an odd increment, and a step before and after the seed is added.
+    # PCG64 is seeded like NumPy's: an odd increment, and a step before and after the seed is added.
     words = [
         line
         for i, name in enumerate(("seed_hi", "seed_lo", "sequence_hi", "sequence_lo"))

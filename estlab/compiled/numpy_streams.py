@@ -1,12 +1,13 @@
-"""NumPy's random numbers in LLVM's language: the streams of estlab.maths.streams go on in compiled code.
+"""NumPy's random numbers in LLVM's language: compiled code continues the streams of estlab.maths.streams.
 
-The generator is PCG64, a linear congruential one of 128 bits whose output is the xor of both halves, rotated (O'Neill
-2014, PCG XSL RR 128/64). A uniform number is the upper 53 bits of an output. A normal one is NumPy's ziggurat of 256
-layers (Marsaglia and Tsang 2000; Doornik 2005): the last 8 bits of an output choose the layer, the next one the sign,
-52 the place in it. What lies in a layer's core is taken at once, 99 in 100; the rest is held against the density.
+The generator is PCG64, a linear congruential generator of 128 bits whose output is the xor of both halves, rotated
+(O'Neill 2014, PCG XSL RR 128/64). A uniform number is the upper 53 bits of an output. A normal one is NumPy's
+ziggurat of 256 layers (Marsaglia and Tsang 2000; Doornik 2005): the last 8 bits of an output choose the layer, the
+next one the sign, 52 the position in it. A number in a layer's core is accepted at once, 99 in 100; the rest is
+compared with the density.
 
-Numbers are NumPy's to the last bit: in the tail beyond 3.65, one in 4000, they are logarithms, and those are of the
-library that NumPy takes them from. :func:`agrees` holds the code to the NumPy that is there.
+Numbers equal NumPy's to the last bit: in the tail beyond 3.65, one in 4000, they are logarithms from the library that
+NumPy uses. :func:`agrees` compares the code with the installed NumPy.
 """
 
 from collections.abc import Callable
@@ -26,14 +27,14 @@ _TAIL = 3.6541528853610088  # where the lowest layer's tail begins
 
 
 def states(generators: list[np.random.Generator]) -> Array:
-    """Where streams stand (runs, 4): state and increment, each its lower and its upper 64 bits.
+    """The state of streams (runs, 4): state and increment, each as its lower and its upper 64 bits.
 
     Raises ValueError for a generator of another kind.
     """
     found = np.empty((len(generators), 4), dtype=np.uint64)
     for row, generator in zip(found, generators, strict=True):
         if not isinstance(generator.bit_generator, np.random.PCG64):
-            raise ValueError("it draws from NumPy's PCG64 alone; set engine=numpy")
+            raise ValueError("it only draws from NumPy's PCG64; set engine=numpy")
         whole = generator.bit_generator.state["state"]
         row[:] = [part for name in ("state", "inc") for part in (whole[name] % _WORD, whole[name] // _WORD)]
     return found
@@ -41,15 +42,16 @@ def states(generators: list[np.random.Generator]) -> Array:
 
 @cache
 def layers() -> Array:
-    """Of each layer (256, 4): how many places its core has, the width of a place, and the density at both its edges.
+    """For each layer (256, 4): the number of positions in its core, the width of a position, and the density at both
+    edges.
 
-    The widths are read out of NumPy itself: for a state whose next output is known, the number is the width.
+    The widths are read from NumPy itself: for a state whose next output is known, the number is the width.
     """
     bits = np.random.PCG64(0)
     generator, inverse, increment = np.random.Generator(bits), pow(MULTIPLIER, -1, _STATE), 1
     width = np.empty(256)
     for layer in range(256):
-        output = 1 << 9 | layer  # the first place; of less than 2^64, so that nothing is rotated
+        output = 1 << 9 | layer  # the first position; below 2^64, so that nothing is rotated
         before = (output - increment) * inverse % _STATE
         bits.state = {"bit_generator": "PCG64", "state": {"state": before, "inc": increment},
                       "has_uint32": 0, "uinteger": 0}  # fmt: skip
@@ -64,7 +66,7 @@ def layers() -> Array:
 
 
 def text(lanes: int) -> list[str]:
-    """Functions @normals and @uniforms (state, out, count, layers), which go on with a stream."""
+    """Functions @normals and @uniforms (state, out, count, layers), which continue a stream."""
     return [
         *_elementary("density", lambda x: (-0.5 * (x * x)).exp(), lanes),
         "declare double @log1p(double)",
@@ -75,7 +77,7 @@ def text(lanes: int) -> list[str]:
 
 
 def agrees(draw: Callable[[Array, Array], None]) -> bool:
-    """Whether what compiled code draws, by a call with states and room (1, count), is what NumPy draws."""
+    """Whether compiled code, called with states and room (1, count), draws the same numbers as NumPy."""
     generator = np.random.Generator(np.random.PCG64(20))
     found = np.empty((1, 40_000))  # ten of them from the tail
     draw(states([generator]), found)
@@ -83,7 +85,7 @@ def agrees(draw: Callable[[Array, Array], None]) -> bool:
 
 
 def _elementary(name: str, function: Callable[..., object], lanes: int) -> list[str]:
-    """A function of one number at an address, put in its place."""
+    """A function of one number at an address, in place."""
     tracer = Tracer()
     found = function(tracer.leaf("x"))
     lowered = Lowered(tracer.graph, [found.number])  # type: ignore[attr-defined]
@@ -103,7 +105,7 @@ def _output(v: str, state: str) -> list[str]:
 
 
 def _uniform(v: str, output: str) -> list[str]:
-    """%<v>, the number in [0, 1) that an output makes."""
+    """%<v>, the number in [0, 1) from an output."""
     return [
         f"%{v}_u = lshr i64 {output}, 11",
         f"%{v}_d = uitofp i64 %{v}_u to double",
@@ -112,7 +114,7 @@ def _uniform(v: str, output: str) -> list[str]:
 
 
 def _candidate(v: str, output: str) -> list[str]:
-    """%<v>, the number that an output stands for; %<v>_in, whether it lies in the core of its layer, at %<v>_at."""
+    """%<v>, the number for an output; %<v>_in, whether it lies in the core of its layer, at %<v>_at."""
     return [
         f"%{v}_n = and i64 {output}, 255",
         f"%{v}_m = shl i64 %{v}_n, 2",
@@ -167,7 +169,7 @@ def _uniforms() -> list[str]:
 
 
 def _exact() -> list[str]:
-    """One normal number, however often it takes."""
+    """One normal number, however many outputs it takes."""
     tail = f"0x{np.float64(_TAIL).view(np.uint64):016X}"
     inverse = f"0x{np.float64(-1.0 / _TAIL).view(np.uint64):016X}"
     return [
@@ -184,7 +186,7 @@ def _exact() -> list[str]:
         "outside:",
         "%lowest = icmp eq i64 %x_n, 0",
         "br i1 %lowest, label %tail, label %wedge",
-        "tail:",  # beyond the lowest layer: an exponential number held against another
+        "tail:",  # beyond the lowest layer: one exponential number compared with another
         "%o1 = call i64 @next(ptr %state)",
         *_uniform("u1", "%o1"),
         "%minus1 = fneg double %u1",
@@ -225,7 +227,7 @@ def _exact() -> list[str]:
 
 
 def _normals() -> list[str]:
-    """Those that lie in the cores of their layers here, the state in registers; the rest by @normal."""
+    """Numbers in the cores of their layers are drawn here, with the state in registers; the rest by @normal."""
     return [
         "define internal void @normals(ptr %state, ptr %out, i64 %count, ptr %layers) #0 {",
         "entry:",

@@ -1,4 +1,4 @@
-"""Particles of a run chosen by their weights, in LLVM's language."""
+"""Selects a run's particles by their weights, in LLVM's language."""
 
 from estlab.compiled.flow import loop, row
 
@@ -6,12 +6,12 @@ _BEYOND_ALL = (1 << 63) - 1  # whose bits no number exceeds, not even NaN
 
 
 def choose() -> list[str]:
-    """The run's particles that are chosen: those in which positions (strata[0] j + u[j]) / strata[1] of the weight lie.
+    """Select the run's particles at the positions (strata[0] j + u[j]) / strata[1] of the cumulative weight.
 
-    u: uniform numbers, one (with no stride) or one a particle. Edges are weights added up, one after another.
+    u: uniform numbers, one (with no stride) or one per particle. Edges are weights added in order.
 
-    Positions ascend, so each step passes over a position or over a particle: without a branch, and with what the next
-    one needs loaded before it is known. Numbers that are not negative are ordered as their bits are.
+    Positions ascend, so each step passes a position or a particle: without a branch, and with the data for the next
+    step loaded in advance. Nonnegative numbers are ordered like their bits.
     """
     edge = [
         *row("weight_at", "run_weight", "%add"),
@@ -73,7 +73,7 @@ def choose() -> list[str]:
 
 
 def resample(n: int) -> list[str]:
-    """The run's particles drawn by their weights, put together; weights made even."""
+    """The run's particles selected by their weights, merged; weights made equal."""
     gather = [
         *row("from_at", "run_chosen", "%from", kind="i64"),
         "%parent = load i64, ptr %from_at, align 8",

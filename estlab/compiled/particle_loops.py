@@ -1,7 +1,8 @@
 """Loops over runs and over the particles of each, around the routines of a particle filter.
 
-A run's particles are gone through eight at a time, whatever the width of vectors. Where their number is no multiple of
-eight, the last ones are copied aside with twins of the last particle, of no weight, and what is found is copied back.
+A run's particles are processed eight at a time, whatever the width of vectors. If their number is not a multiple of
+eight, the last ones are copied aside, with copies of the last particle of zero weight, and the results are copied
+back.
 """
 
 import re
@@ -23,7 +24,8 @@ from estlab.compiled.symbols import Symbol, UntraceableError
 class ParticleColumn:
     """Numbers of a run's particles, one row for each of some components: pointer + row * stride + particle.
 
-    fill: what twins of the last particle have; None: what it has. padded: whether there is room for whole eights.
+    fill: the value for copies of the last particle; None: its own. padded: whether there is room for a multiple of
+    eight.
     """
 
     pointer: str
@@ -39,7 +41,7 @@ Columns = Mapping[str, ParticleColumn]
 def over(
     v: str, routine: Routine, columns: Columns, read: Sequence[str], written: Sequence[str], lanes: int
 ) -> list[str]:
-    """A routine for all particles of the run. read, written: columns of which the last particles go aside and back."""
+    """A routine for all particles of the run. read, written: columns whose last particles are copied aside and back."""
     access = {name: Access("lanes", f"%{name}_stride") for name in columns} | _ACCESS
     lines, used = _text(routine, access, lanes)
     columns = {name: column for name, column in columns.items() if name in used}
@@ -75,7 +77,7 @@ def over(
 
 
 def _columns_place(base: str, column: ParticleColumn, place: int, v: str) -> tuple[list[str], str]:
-    """<base>_at, where the numbers of the eight begin: in the column, or aside for the last ones; and their stride."""
+    """<base>_at, the address of the eight numbers: in the column, or aside for the last ones; and their stride."""
     if column.padded:
         return [f"{base}_at = getelementptr double, ptr {column.pointer}, i64 %{v}_p"], column.stride
     return [
@@ -87,7 +89,7 @@ def _columns_place(base: str, column: ParticleColumn, place: int, v: str) -> tup
 
 
 def once(v: str, routine: Routine, lanes: int) -> list[str]:
-    """A routine for the run, its numbers being the same in all lanes."""
+    """A routine for the run, with the same numbers in all lanes."""
     lines, _ = _text(routine, {name: Access("one") for name in (*_ACCESS, *_OF_RUN)} | _FLAG, lanes)
     return _inlined(lines, f"{v}_", {**_GIVEN, "flag": "%run_flags"})
 
@@ -95,7 +97,7 @@ def once(v: str, routine: Routine, lanes: int) -> list[str]:
 _FLAG = {"flag": Access("lanes", str(EIGHT))}
 _OF_RUN = ("control", "factor", "reading", "whitening", "landmark", "mean", "cov", "size", "vanished", "whitened",
            "log_scale")  # fmt: skip
-# What is the same for all particles of a run, and what is added up over them.
+# Values that are the same for all particles of a run, and sums over them.
 _ACCESS = {
     **{name: Access("one") for name in (*_OF_RUN, "noise", "top", "total")},
     **_FLAG,
@@ -114,7 +116,7 @@ _GIVEN = {
 
 
 def _text(routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[list[str], set[str]]:
-    """The lines of a routine, and what they load and store. Where a function is not right, the run is flagged."""
+    """The lines of a routine, and what they load and store. Where a function is not accurate, the run is flagged."""
     graph = routine.tracer.graph
     nodes = [part.number if isinstance(part, Symbol) else graph.constant(float(part)) for _, _, part in routine.outputs]
     lowered = Lowered(graph, nodes, [symbol.number for symbol in routine.failed])
@@ -135,7 +137,7 @@ def _text(routine: Routine, access: Mapping[str, Access], lanes: int) -> tuple[l
 
 
 def _inlined(lines: Sequence[str], prefix: str, given: Mapping[str, str]) -> list[str]:
-    """The lines of a function in the place of its call, with parameters by their names."""
+    """The lines of a function in place of its call, with named parameters."""
 
     def renamed(match: re.Match[str]) -> str:
         return given.get(match[1]) or f"%{prefix}{match[1]}"
@@ -144,7 +146,7 @@ def _inlined(lines: Sequence[str], prefix: str, given: Mapping[str, str]) -> lis
 
 
 def _copied_in(v: str, column: ParticleColumn, place: int) -> list[str]:
-    """The last particles of a run into their place aside, with twins of the last one."""
+    """Copies the last particles of a run to their place aside, with copies of the last one."""
     body = [
         f"%{v}_i_real = icmp slt i64 %{v}_i, %rest",
         f"%{v}_i_near = select i1 %{v}_i_real, i64 %{v}_i, i64 %rest_last",
@@ -171,7 +173,7 @@ def _copied_in(v: str, column: ParticleColumn, place: int) -> list[str]:
 
 
 def _copied_out(v: str, column: ParticleColumn, place: int) -> list[str]:
-    """What was found of the last particles from aside to where it belongs."""
+    """Copies the results for the last particles from aside to their place."""
     body = [f"%{v}_o_to = add i64 %{v}_o, %tail"]
     for k in range(column.rows):
         x = f"%{v}_{k}o"
@@ -188,13 +190,13 @@ def _copied_out(v: str, column: ParticleColumn, place: int) -> list[str]:
 
 
 def zeros(v: str, count: int, value: str = "0.0") -> list[str]:
-    """So many sums begun anew, from 0 or from another value."""
+    """Resets sums to 0 or to another value."""
     body = [*row(f"{v}_at", "sums", f"%{v}_z"), f"store double {value}, ptr %{v}_at, align 8"]
     return loop(f"{v}_z", "0", str(EIGHT * count), body)
 
 
 def of_run(name: str, following: str) -> list[str]:
-    """%run_<name>, where what belongs to the run begins."""
+    """%run_<name>, the address of the run's data."""
     return [
         f"%run_{name}_x = mul i64 %nth, {following}",
         f"%run_{name} = getelementptr double, ptr %{name}, i64 %run_{name}_x",
@@ -202,7 +204,7 @@ def of_run(name: str, following: str) -> list[str]:
 
 
 def each_run(body: Sequence[str]) -> list[str]:
-    """The body for each run, %nth of those given and %number of all: its flags and how its particles are cut."""
+    """The body for each run, %nth of those given and %number of all: its flags, and how its particles are divided."""
     return [
         f"%whole = add i64 %COUNT, {EIGHT - 1}",
         f"%eights = sdiv i64 %whole, {EIGHT}",
@@ -222,7 +224,7 @@ def each_run(body: Sequence[str]) -> list[str]:
 
 
 def program(fields: Sequence[str], body: Sequence[str], lanes: int, functions: Sequence[str] = ()) -> str:
-    """A whole program, @run, with its fields by their names: numbers in capitals, else addresses."""
+    """A whole program, @run, with named fields: numbers in capitals, otherwise addresses."""
     lines = [*emit.declarations(lanes), *functions, "define void @run(ptr %fields) #0 {", "entry:"]
     for i, name in enumerate(fields):
         lines += [

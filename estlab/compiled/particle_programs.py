@@ -1,4 +1,4 @@
-"""The programs of a particle filter: its particles drawn and moved, weighed, summed, chosen."""
+"""The programs of a particle filter: move, weigh, sum and select particles."""
 
 from estlab.compiled import numpy_streams, particle_routines
 from estlab.compiled.flow import loop, row, when
@@ -8,18 +8,19 @@ from estlab.compiled.particle_loops import ParticleColumn, each_run, of_run, onc
 from estlab.compiled.particle_routines import Entries
 from estlab.maths.space import Space
 
-# What each program is given, in this order, as 64 bits each: addresses, and numbers (in capitals). A name with _NEXT is
-# how many numbers lie from one run to the next, 0 if runs share them; with _STRIDE, from one component to the next.
+# The arguments of each program, in this order, as 64 bits each: addresses, and numbers (in capitals). A name with
+# _NEXT is the distance from one run's numbers to the next, 0 if runs share them; with _STRIDE, from one component to
+# the next.
 COMMON = ("RUNS", "COUNT", "row", "flags", "aside", "sums", "present")
 STREAMS = ("state", "layers")
 DRAWING = ("RUNS", "COUNT", "row", *STREAMS, "out", "NORMAL")
 CHOOSING = ("RUNS", "COUNT", "weight", "u", "U_NEXT", "U_STRIDE", "strata", "edge", "position", "chosen")
-RESAMPLING = ("weight", "log", "u", "U_NEXT", "U_STRIDE", "U_DRAWN", "strata")  # of a step that resamples
+RESAMPLING = ("weight", "log", "u", "U_NEXT", "U_STRIDE", "U_DRAWN", "strata")  # for a step that resamples
 MOVING = (*COMMON, *STREAMS, "DRAWN", "z", "Z_NEXT", "before", "after", "CLOUD_STRIDE", "LAPSE", "control",
           "CONTROL_NEXT", "factor", "FACTOR_NEXT", "nth_few", *RESAMPLING, "edge", "position", "chosen", "even",
           "gathered")  # fmt: skip
 NORMALISING = (*COMMON, "log", "linear", "size", "vanished", "pair")
-NORMALISED = ("linear", "size", "vanished", "mean", "cov", "noise", "whitened", "log_scale")  # where weights are wanted
+NORMALISED = ("linear", "size", "vanished", "mean", "cov", "noise", "whitened", "log_scale")  # if weights are needed
 WEIGHING = (*COMMON, "pair", "log", "NORMALISED", *NORMALISED, "point", "CLOUD_STRIDE", "log_before", "weight",
             "reading", "whitening", "WHITENING_NEXT", "landmark", "LANDMARK_NEXT", "expected",
             "EXPECTED_STRIDE")  # fmt: skip
@@ -29,7 +30,7 @@ _LESS_THAN_ALL = "0xFFF0000000000000"
 
 
 def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
-    """The program that draws the noise of particles, and moves them."""
+    """The program that draws the noise of particles and moves them."""
     n, q = motion.space.size, motion.noises
     columns = {
         "z": ParticleColumn("%run_z", q, "%COUNT"),
@@ -63,7 +64,7 @@ def moving(motion: MotionModel, factor: Entries, lanes: int) -> str:
 
 
 def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
-    """The program that holds particles against a reading; and that finds weights and the innovation."""
+    """The program that compares particles with a reading, and computes weights and the innovation."""
     n, m, space = sensor.state.size, sensor.space.size, sensor.space
     columns = {
         "point": ParticleColumn("%run_point", n, "%CLOUD_STRIDE"),
@@ -102,7 +103,7 @@ def weighing(sensor: SensorModel, whitening: Entries, lanes: int) -> str:
 
 
 def normalising(lanes: int) -> str:
-    """The program that makes weights of logarithms."""
+    """The program that turns logarithms into weights."""
     return program(NORMALISING, each_run([*of_run("log", "%COUNT"), *_normalise(lanes)]), lanes)
 
 
@@ -146,7 +147,7 @@ def summing(space: Space, lanes: int) -> str:
 
 
 def choosing(lanes: int) -> str:
-    """The program that chooses particles by their weights, to uniform numbers that are given."""
+    """The program that selects particles by their weights, at given uniform numbers."""
     body = [
         *of_run("weight", "%COUNT"),
         *of_run("u", "%U_NEXT"),
@@ -157,7 +158,7 @@ def choosing(lanes: int) -> str:
 
 
 def drawing(lanes: int) -> str:
-    """The program that draws COUNT uniform or normal numbers of each run's stream."""
+    """The program that draws COUNT uniform or normal numbers from each run's stream."""
     body = [
         *row("row_at", "row", "%nth", kind="i64"),
         "%number = load i64, ptr %row_at, align 8",

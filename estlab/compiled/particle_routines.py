@@ -1,8 +1,8 @@
-"""What a particle filter does with one particle, in components: it is moved, held against a reading, summed.
+"""The work of a particle filter on one particle, in components: move it, compare it with a reading, add it to sums.
 
-What is written here for components is what estlab.filters.particle and estlab.maths.cloud write for arrays; tests hold
-both to each other. A sum over a run's particles has one order on every processor: particle p goes to sum p mod 8, and
-the eight sums are added two by two.
+This module writes for components what estlab.filters.particle and estlab.maths.cloud write for arrays; tests compare
+both. A sum over a run's particles has one order on every processor: particle p goes to sum p mod 8, and the eight
+sums are added two by two.
 """
 
 import math
@@ -21,11 +21,11 @@ from estlab.maths.space import Space
 
 EIGHT = 8  # partial sums of each sum
 
-Entries = Sequence[tuple[int, int]]  # of a matrix, those that are not zero
+Entries = Sequence[tuple[int, int]]  # entries of a matrix that are not zero
 
 
 def move(motion: MotionModel, factor: Entries) -> Routine:
-    """A particle after a step, its noise being a factor times standard normal numbers z."""
+    """A particle after a step; its noise is a factor times standard normal numbers z."""
     routine, q = Routine(motion.space.size), motion.noises
     before, control = routine.tracer.leaves("before", routine.n), routine.tracer.leaves("control", motion.controls)
     dt, z = routine.tracer.leaf("lapse", 0, settled=True), routine.tracer.leaves("z", q)
@@ -35,7 +35,7 @@ def move(motion: MotionModel, factor: Entries) -> Routine:
 
 
 def look(sensor: SensorModel, whitening: Entries) -> Routine:
-    """The reading that a particle would give, and the logarithm of its weight; what is missing tells nothing."""
+    """The reading that a particle would give, and the logarithm of its weight. Missing values carry no information."""
     routine, m = Routine(sensor.state.size), sensor.space.size
     tracer = routine.tracer
     landmarks = [
@@ -95,11 +95,11 @@ def covariance(space: Space) -> Routine:
 
 
 def innovation(space: Space) -> Routine:
-    """How far the reading lies from what is expected, whitened: see estlab.filters.filter.Innovation."""
+    """How far the reading lies from its expectation, whitened: see estlab.filters.filter.Innovation."""
     routine, m = Routine(space.size), space.size
     tracer = routine.tracer
     reading, middle = tracer.leaves("reading", m), tracer.leaves("mean", m)
-    missing = [value != value for value in reading]  # which NaN is
+    missing = [value != value for value in reading]  # NaN
     away = wrapped(space, [minus(reading[a], middle[a]) for a in range(m)])
     away = [routine.choose(missing[a], 0.0, away[a]) for a in range(m)]
     cov = symmetric(m, lambda i, j: tracer.leaf("cov", i * m + j) + tracer.leaf("noise", i * m + j))
@@ -111,7 +111,7 @@ def innovation(space: Space) -> Routine:
 
 
 def peak() -> Routine:
-    """The largest logarithm of a weight so far, NaN being none."""
+    """The largest logarithm of a weight so far; NaN counts as none."""
     routine = Routine(0)
     largest, log = routine.tracer.leaf("sums"), routine.tracer.leaf("log")
     routine.outputs.append(("sums", 0, routine.choose(log > largest, log, largest)))
@@ -119,7 +119,7 @@ def peak() -> Routine:
 
 
 def top() -> Routine:
-    """The largest of all; whether there is none, and then 0."""
+    """The largest of all; and whether there is none, in which case it is 0."""
     routine = Routine(0)
     parts = [routine.tracer.leaf("sums", k) for k in range(EIGHT)]
     largest = parts[0]
@@ -131,7 +131,7 @@ def top() -> Routine:
 
 
 def exponential() -> Routine:
-    """A weight but for its factor, and in sums, with its square; in a run that has none, 1. NaN is none."""
+    """A weight up to its factor, added to sums with its square; 1 in a run that has none. NaN counts as none."""
     routine = Routine(0)
     log, vanished = routine.tracer.leaf("log"), routine.tracer.leaf("vanished")
     log = routine.choose(log != log, -math.inf, log)
@@ -143,7 +143,7 @@ def exponential() -> Routine:
 
 
 def normaliser() -> Routine:
-    """What weights are to be divided by, its logarithm, and the effective size of their sample."""
+    """The divisor of the weights, its logarithm, and the effective size of their sample."""
     routine, sums = Routine(0), _totals(2)
     whole, squares = sums(routine, 0), sums(routine, 1)
     routine.outputs += [("total", 0, whole), ("total", 1, whole.log()), ("size", 0, whole * whole / squares)]
@@ -171,7 +171,7 @@ def _put(routine: Routine, name: str, values: Row) -> None:
 
 
 def _sum(routine: Routine, terms: Sequence[Any]) -> None:
-    """Terms added to what is there."""
+    """Terms added to the existing sums."""
     routine.outputs += [("sums", k, routine.tracer.leaf("sums", k) + term) for k, term in enumerate(terms)]
 
 

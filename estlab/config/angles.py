@@ -9,7 +9,7 @@ _WRITTEN = re.compile(r"\$\{deg:\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*\}
 
 
 def radians(*values: object) -> float:
-    """The angle of so many degrees [rad], as ``${deg:...}`` is resolved. Raises ValueError for what is no number."""
+    """The angle of so many degrees [rad], for ``${deg:...}``. Raises ValueError if it is not a number."""
     if len(values) == 1 and isinstance(values[0], int | float) and not isinstance(values[0], bool):
         return math.radians(values[0])
     written = ",".join("" if value is None else str(value) for value in values)
@@ -17,12 +17,12 @@ def radians(*values: object) -> float:
 
 
 def is_angle(text: str) -> bool:
-    """Whether a text is an angle in degrees and nothing else."""
+    """Whether a text is only an angle in degrees."""
     return _WRITTEN.fullmatch(text.strip()) is not None
 
 
 def resolved(node: Any) -> Any:
-    """Plain data with each angle in degrees as its radians."""
+    """Plain data with each angle in degrees converted to radians."""
     if isinstance(node, Mapping):
         return {key: resolved(value) for key, value in node.items()}
     if isinstance(node, list):

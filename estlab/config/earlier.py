@@ -18,7 +18,9 @@ def completed(config: Mapping[str, Any], scenario: str, filter: str) -> tuple[di
     name is left as it is.
     """
     added: list[str] = []
-    found = _filled(config, _shipped("config"), "", added)
+    shipped = _shipped("config")
+    found = _filled(config, shipped, "", added)
+    found["sweep"] = _filled(found.get("sweep"), shipped["sweep"], "sweep.", added)
     for group, option in (("scenario", scenario), ("filter", filter), ("data", "simulated")):
         # Simulated data have every key of data, with values that change nothing.
         found[group] = _filled(found.get(group), _shipped(f"{group}/{option}"), f"{group}.", added)

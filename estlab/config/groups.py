@@ -49,6 +49,7 @@ class SweepSettings:
     zip: list[str]
     repeats: int
     split_runs: int
+    workers: int | None
     retries: int
     timeout: float | None
     fail_fast: bool
@@ -63,6 +64,8 @@ class SweepSettings:
             raise ValueError(f"split_runs must be from 1 to 1e4, got {self.split_runs}")
         if not 0 <= self.retries <= 1000:
             raise ValueError(f"retries must be from 0 to 1000, got {self.retries}")
+        if self.workers is not None and not 1 <= self.workers <= 10_000:
+            raise ValueError(f"workers must be from 1 to 1e4, got {self.workers}")
         for name in ("trials", "batch"):
             if not 1 <= getattr(self, name) <= 100_000:
                 raise ValueError(f"{name} must be from 1 to 1e5, got {getattr(self, name)}")

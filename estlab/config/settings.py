@@ -10,20 +10,20 @@ from estlab.metrics.objective import Objective
 from estlab.metrics.verdict import Tolerance
 from estlab.scenarios.scenario import Scenario
 
-# What a key changes, if not figures that a title says. RECORD: which files there are, the last bits of figures,
-# or how the run ends. NEITHER: where and how the run is made, and what is made beside it.
+# What a key changes, unless it is a figure that a title shows. RECORD: which files there are, the last bits of
+# figures, or how the run ends. NEITHER: where and how the run is made, and what is made in addition.
 RECORD = {"changes": "record", "in_title": False}
 NEITHER = {"changes": "neither", "in_title": False}
-# Figures, which the title of every run says anyway, or leaves to run.json.
+# Figures, which every run's title shows anyway or leaves to run.json.
 TITLED = {"changes": "figures", "in_title": False}
 
 
 @dataclass(frozen=True)
 class Names:
-    """What the user called the parts of a run, on which random numbers hang, and what else was typed.
+    """The user's names for the parts of a run, which determine random numbers, and the other typed words.
 
-    filter: where there is one. set_aside: whether the expectations of the experiment were left out, being of other data
-    than these.
+    filter: if there is only one. set_aside: whether the expectations of the experiment were left out, because they
+    belong to other data.
     """
 
     scenario: str
@@ -34,7 +34,7 @@ class Names:
 
 @dataclass(frozen=True, kw_only=True)
 class _Keys:
-    """Every key of a configuration but those of the filters."""
+    """Every key of a configuration except those of the filters."""
 
     scenario: Scenario
     noise: Noise
@@ -78,17 +78,17 @@ class _Keys:
 
         Objective.parse(self.objective)
         if self.part is not None and not (len(self.part) == 2 and 0 <= self.part[0] < self.part[1]):
-            raise ValueError(f"part must be [which, of how many], which counted from 0, got {self.part}")
+            raise ValueError(f"part must be [which, of how many], counting from 0, got {self.part}")
 
     @property
     def run_numbers(self) -> range:
-        """The numbers of the runs: from 0 on, or the one that is asked for alone."""
+        """The numbers of the runs: from 0 on, or only the requested one."""
         return range(self.runs) if self.run_index is None else range(self.run_index, self.run_index + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Configuration(_Keys):
-    """A configuration as it is typed: one filter, or several by name."""
+    """A configuration as typed: one filter, or several by name."""
 
     filter: AnyFilter
     filters: dict[str, AnyFilter]
@@ -96,7 +96,7 @@ class Configuration(_Keys):
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(_Keys):
-    """A run's whole configuration as objects, and what its parts are called.
+    """A run's whole configuration as objects, and the names of its parts.
 
     filters: by name, one or several. filter_group: the key under which they were configured.
     """
@@ -107,7 +107,7 @@ class Settings(_Keys):
 
     @property
     def filter(self) -> AnyFilter:
-        """The filter, of a run that has one. Raises ValueError where there are several."""
+        """The filter of a run that has one. Raises ValueError if there are several."""
         (only,) = self.filters.values()
         return only
 
@@ -133,17 +133,17 @@ def without(plain: Mapping[str, Any], *metadata: Mapping[str, Any]) -> dict[str,
 
 
 def words_without(words: Iterable[str], *metadata: Mapping[str, Any]) -> list[str]:
-    """The words of a command line whose keys, or the groups that these are in, have no such metadata."""
+    """The words of a command line whose keys, and the groups of these, have no such metadata."""
     return [word for word in words if _METADATA.get(_key(word).partition(".")[0]) not in metadata]
 
 
 def changes(words: Iterable[str]) -> tuple[str, ...]:
-    """The words that a title says beside the names of scenario and filters, runs, steps and seed."""
+    """The words that a title shows in addition to the names of scenario and filters, runs, steps and seed."""
     names = ("scenario", "filter")
     titled = words_without(words, RECORD, NEITHER, TITLED)
     return tuple(word.lstrip("+") for word in titled if _key(word) not in names)
 
 
 def _key(word: str) -> str:
-    """The dotted key of a word without Hydra's signs and package, as filter of +filter@filters.ekf=ekf."""
+    """The dotted key of a word without Hydra's signs and package, such as filter of +filter@filters.ekf=ekf."""
     return word.lstrip("+~").partition("=")[0].partition("@")[0]

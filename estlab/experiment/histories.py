@@ -11,10 +11,10 @@ from estlab.scenarios.scenario import History
 
 
 def histories_of(ensemble: Ensemble, first: int) -> dict[str, Array]:
-    """The arrays of estimates.npz: runs whole, from the first on, without readings that none of them has.
+    """The arrays of estimates.npz: complete runs, from the first on, without readings that none of them has.
 
-    mean and cov for one filter, <filter>.mean and <filter>.cov for several; of a particle filter a sample of the
-    cloud at some steps beside them, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
+    mean and cov for one filter, <filter>.mean and <filter>.cov for several; for a particle filter also a sample of
+    the cloud at some steps, cloud.step (K,), cloud.points (n, K, S, runs) and cloud.weights (K, S, runs).
     """
     readings, record = ensemble.record.readings, ensemble.record
     count = next(iter(ensemble.kept.values()))["truth"].shape[2]

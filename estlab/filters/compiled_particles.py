@@ -1,4 +1,4 @@
-"""The particle filter with its work on whole clouds compiled: drawn, moved, weighed, summed and chosen."""
+"""The particle filter with compiled work on whole clouds: draw, move, weigh, sum and select."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -22,20 +22,20 @@ from estlab.models.contract import Motion, Sensor
 
 @dataclass(frozen=True)
 class CompiledParticleFilter(ParticleFilter):
-    """The same filter to the same numbers but for rounding; its generators are CompiledGenerators."""
+    """The same filter with the same results, except for rounding; its generators are CompiledGenerators."""
 
     code: ParticleCode
 
     @classmethod
     def of(cls, filter: ParticleFilter, code: ParticleCode) -> "CompiledParticleFilter":
-        """A filter, compiled."""
+        """A filter in compiled form."""
         return cls(**{field.name: getattr(filter, field.name) for field in fields(filter)}, code=code)
 
     def predict(self, motion: Motion, belief: Particles, control: Array, dt: float) -> Particles:
         few = np.flatnonzero(belief.weights.size < self.threshold * self.particles)
         if few.size == 0 or not self._plain:
             return super().predict(motion, belief, control, dt)
-        # Chosen in the pass that moves them. The weights are this belief's own, and are made even in their place.
+        # Selected in the pass that moves them. The weights belong to this belief, and are reset in place.
         nth = np.full(belief.fresh.size, -1)
         nth[few] = np.arange(few.size)
         old = belief.weights
@@ -49,7 +49,7 @@ class CompiledParticleFilter(ParticleFilter):
 
     @property
     def _plain(self) -> bool:
-        """Whether particles that are chosen stay as they are, and which they were is not asked."""
+        """Whether selected particles stay unchanged, and their indices are not needed."""
         changed = self.roughening > 0.0 or self.bandwidth > 0.0 or self.injection > 0.0
         return not changed and self.resampling != "residual" and self.ancestors == "bootstrap"
 
@@ -58,7 +58,7 @@ class CompiledParticleFilter(ParticleFilter):
     ) -> tuple[Array, Step]:
         factor = cholesky(motion.noise_cov(control, dt))
         (_, count, runs), q = points.shape, motion.noise_size
-        if self.ancestors == "auxiliary":  # which wants the noise once more
+        if self.ancestors == "auxiliary":  # which needs the noise once more
             z = np.empty((runs, q, count))
         else:
             z = self.code.room("z", q * count).reshape(1, q, count)
@@ -140,7 +140,7 @@ class CompiledParticleFilter(ParticleFilter):
         return chosen.T
 
     def _choice(self, generators: Generators | None) -> dict[str, Any]:
-        """The uniform numbers of resampling, to be drawn without generators; and how positions come of them."""
+        """The uniform numbers of resampling, drawn here or later, and how positions follow from them."""
         count = self.particles
         numbers = 1 if self.resampling == "systematic" else count
         strata = np.array([0.0, 1.0] if self.resampling == "multinomial" else [1.0, count])
@@ -152,7 +152,7 @@ class CompiledParticleFilter(ParticleFilter):
 
 
 class _Weights:
-    """Room for the weights that a program finds."""
+    """Room for a program's weights."""
 
     def __init__(self, count: int, runs: int) -> None:
         self.fields = {

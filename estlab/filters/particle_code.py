@@ -16,23 +16,23 @@ from estlab.models.contract import Motion, Sensor
 
 
 class ParticleCode:
-    """The programs of a motion and a sensor, each made when it is first wanted. lanes: particles at once.
+    """The programs of a motion and a sensor, each made on first use. lanes: particles at once.
 
-    What each is given is listed in estlab.compiled.particle_programs. Raises UntraceableError, naming function, file
-    and line, for models that cannot be traced.
+    estlab.compiled.particle_programs lists their arguments. Raises UntraceableError that names function, file and
+    line, for models that cannot be traced.
     """
 
     def __init__(self, motion: Motion, sensor: Sensor, lanes: int) -> None:
         self.motion, self.sensor, self.lanes = motion, sensor, lanes
         self._programs: dict[Any, tuple[cache.MachineCode, Callable[[int], None]]] = {}
-        self._whitenings: dict[int, tuple[Entries, Array]] = {}  # of readings of so many numbers, none missing
+        self._whitenings: dict[int, tuple[Entries, Array]] = {}  # for readings of so many values, none missing
         self._rooms: dict[str, Array] = {}
         self._addresses: dict[str, int] = {}
         self._kept: dict[int, tuple[dict[str, Array], dict[str, int]]] = {}
 
     @cached_property
     def agrees(self) -> bool:
-        """Whether normal numbers are those of the NumPy that is here."""
+        """Whether normal numbers equal those of the installed NumPy."""
         layers, row = numpy_streams.layers(), np.zeros(1, dtype=np.int64)
 
         def draw(state: Array, out: Array) -> None:
@@ -41,23 +41,23 @@ class ParticleCode:
         return numpy_streams.agrees(draw)
 
     def draw(self, **given: Any) -> None:
-        """Draw numbers of streams."""
+        """Draw numbers from streams."""
         self._run("drawing", self._drawing, particle_programs.DRAWING, given)
 
     def choose(self, **given: Any) -> None:
-        """Find which particles lie at positions."""
+        """Find the particles at positions."""
         self._run("choosing", self._choosing, particle_programs.CHOOSING, given)
 
     def normalise(self, **given: Any) -> None:
-        """Make weights of their logarithms."""
+        """Turn logarithms into weights."""
         self._run("normalising", self._normalising, particle_programs.NORMALISING, given)
 
     def sum(self, **given: Any) -> None:
-        """Find the moments of clouds of states."""
+        """Compute the moments of clouds of states."""
         self._run("summing", self._summing, particle_programs.SUMMING, given)
 
     def move(self, factor: Entries, controls: int, /, **given: Any) -> None:
-        """Move particles. factor: which entries of the noise's factor are not zero; controls: numbers of a command."""
+        """Move particles. factor: nonzero entries of the noise's factor; controls: components of a command."""
         motion = self.motion
 
         def make() -> str:
@@ -67,7 +67,7 @@ class ParticleCode:
         self._run((factor, controls), make, particle_programs.MOVING, given)
 
     def weigh(self, whitening: Entries, count: int, /, **given: Any) -> None:
-        """Hold particles against ``count`` readings as one. whitening: which of its entries are not zero."""
+        """Compare particles with ``count`` readings as one. whitening: which of its entries are not zero."""
         sensor = self.sensor
 
         def make() -> str:
@@ -77,7 +77,7 @@ class ParticleCode:
         self._run(("weighing", whitening, count), make, particle_programs.WEIGHING, given)
 
     def whitening(self, sensor: Sensor, reading: Array) -> tuple[Entries, Array]:
-        """What turns differences from a reading (m, runs) into independent numbers, by runs; its entries."""
+        """The factor that whitens differences from a reading (m, runs), by runs; its entries."""
         partial, m = np.isnan(reading).any(), sensor.space.size
         if not partial and m in self._whitenings:
             return self._whitenings[m]
@@ -88,20 +88,20 @@ class ParticleCode:
         return found
 
     def room(self, name: str, size: int) -> Array:
-        """Room for so many numbers, of no meaning between two calls."""
+        """Room for so many numbers, without meaning between two calls."""
         if name not in self._rooms or self._rooms[name].size < size:
             self._rooms[name] = np.empty(size)
             self._addresses[name] = self._rooms[name].ctypes.data
         return self._rooms[name][:size]
 
     def address(self, name: str, size: int) -> int:
-        """Where that room begins."""
+        """The address of that room."""
         if name not in self._rooms or self._rooms[name].size < size:
             self.room(name, size)
         return self._addresses[name]
 
     def common(self, count: int, rows: int, runs: int, generators: "CompiledGenerators | None") -> dict[str, Any]:
-        """What all programs over particles are given. rows: the most components of a vector."""
+        """The arguments common to all programs over particles. rows: the largest number of components of a vector."""
         own = generators.fields if generators else {"row": np.arange(runs), "flags": np.empty((runs, EIGHT))}
         return self._constants(count) | own | {
             "RUNS": runs, "COUNT": count, "aside": self.address("aside", EIGHT * (3 * rows + 4)),
@@ -111,7 +111,7 @@ class ParticleCode:
         }  # fmt: skip
 
     def _constants(self, count: int) -> dict[str, int]:
-        """Addresses of what hangs on the number of particles alone."""
+        """Addresses of constants that depend only on the number of particles."""
         if count not in self._kept:
             present, even = np.ones(2 * EIGHT), np.array([-np.log(count), 1.0 / count])
             present[EIGHT + count % EIGHT :] = 0.0
@@ -140,10 +140,10 @@ class ParticleCode:
 
 
 class CompiledGenerators(Generators):
-    """Streams of runs that compiled code goes on with, to the same numbers as NumPy.
+    """Streams of runs that compiled code continues, with the same numbers as NumPy.
 
-    state: (R, 4), where the streams stand. flags: (R, 8), not 0 where something of a run was beyond what the code is
-    right for. row: (runs,), which of the R are those of this batch.
+    state: (R, 4), the state of the streams. flags: (R, 8), not 0 where a run left the range in which the code is
+    correct. row: (runs,), which of the R belong to this batch.
     """
 
     def __init__(self, code: ParticleCode, state: Array, flags: Array, row: Array) -> None:
@@ -156,10 +156,12 @@ class CompiledGenerators(Generators):
 
     @classmethod
     def at_start(cls, code: ParticleCode, generators: Generators) -> "CompiledGenerators":
-        """The streams where they stand, which stay there. Raises ValueError if code and NumPy draw differently."""
+        """Copies of the streams in their current state. Raises ValueError if code and NumPy draw different numbers."""
         state = numpy_streams.states(list(generators))
         if not code.agrees:
-            raise ValueError(f"NumPy {np.__version__} draws other normal numbers than compiled code; set engine=numpy")
+            raise ValueError(
+                f"NumPy {np.__version__} draws different normal numbers from compiled code; set engine=numpy"
+            )
         return cls(code, state, np.zeros((len(state), EIGHT)), np.arange(len(state)))
 
     def take(self, runs: Array | slice) -> "CompiledGenerators":
@@ -179,14 +181,14 @@ class CompiledGenerators(Generators):
 
 
 def _word(value: Any) -> int:
-    """A field of a program: an array's address, a number, of a float its bits."""
+    """A field of a program: an address or a number, for a float its bits."""
     if isinstance(value, np.ndarray):
         return value.ctypes.data
     return int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)
 
 
 def flat(values: Array) -> Array:
-    """Values (*shape, N, runs) as they lie in memory, each run's side by side."""
+    """Values (*shape, N, runs) in memory order, each run's side by side."""
     return np.ascontiguousarray(np.swapaxes(values, -1, -2))
 
 
@@ -197,11 +199,11 @@ def by_runs(values: Array) -> Array:
 
 
 def apart(values: Array) -> int:
-    """How far it is from one run's values to the next one's: nothing where they share them."""
+    """The distance from one run's values to the next one's: zero if they share them."""
     return 0 if len(values) == 1 else values[0].size
 
 
 def entries_of(matrix: Array) -> Entries:
-    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs, as NaN is not."""
+    """Which entries of a matrix (q, q, runs or 1) are not zero in all runs; NaN counts as not zero."""
     some = (matrix != 0.0).any(axis=-1).tolist()
     return tuple((i, j) for i, row in enumerate(some) for j, entry in enumerate(row) if entry)

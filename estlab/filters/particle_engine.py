@@ -25,10 +25,10 @@ log = logging.getLogger("estlab")
 
 
 class ParticleLoop(Loop):
-    """The same loop to the same numbers but for rounding: the random numbers are the same ones.
+    """The same loop with the same results, except for rounding: the random numbers are the same.
 
-    insist, lanes: as for estlab.filters.engine.CompiledLoop, lanes being particles at once. Runs in which an angle lies
-    beyond what the code is right for are gone through by NumPy, each for itself.
+    insist, lanes: as for estlab.filters.engine.CompiledLoop, with lanes as particles at once. Runs with an angle
+    beyond the range in which the code is correct run on NumPy, each separately.
     """
 
     def __init__(self, *parts: Any, insist: bool = True, lanes: int | None = None) -> None:
@@ -43,13 +43,13 @@ class ParticleLoop(Loop):
         return self.motion.space.size <= MOST_STATES
 
     def check_engine(self) -> None:
-        """Raise ValueError for states too large to be unrolled, if the engine is insisted on."""
+        """Raise ValueError for states too large to be unrolled, if compilation is required."""
         if self.insist and not self.compiles:
             n = self.motion.space.size
             raise ValueError(f"it unrolls states of {MOST_STATES} components at most, not {n}; set engine=numpy")
 
     def prepare(self, record: Record, generators: Generators) -> None:
-        """Trace and compile, or find it compiled: by the first step in which a run has a reading, for that run."""
+        """Trace and compile, or find the code compiled earlier, by the first step with a reading in a run."""
         if self._code is None:
             has = np.asarray(~np.isnan(record.readings.values).all(axis=0))
             first = int(np.argmax(has.any(axis=1))) if has.any() else None
@@ -77,7 +77,7 @@ class ParticleLoop(Loop):
     def _compiled(
         self, record: Record, generators: Generators, on_step: Callable[[], None], watched: int
     ) -> tuple[Estimates, Array] | None:
-        """What compiled code finds, and in which runs NumPy has to; None if it has to in all."""
+        """The results of compiled code, and the runs that need NumPy; None if all do."""
         if self._refused:
             return None
         try:
@@ -94,7 +94,7 @@ class ParticleLoop(Loop):
         return None
 
     def _streams(self, generators: Generators) -> CompiledGenerators | None:
-        """The generators as compiled code goes on with them; None for such that it does not know."""
+        """The generators in the form that compiled code continues; None if it does not support them."""
         try:
             self.check_engine()
             self._code = self._code or ParticleCode(self.motion, self.sensor, self.lanes or cache.lanes())
@@ -113,7 +113,7 @@ def compiled_loop(filter: AnyFilter, *parts: Any, insist: bool) -> Loop:
 
 
 def _one_step(record: Record, step: int) -> Record:
-    """A record of this step alone."""
+    """A record of this step only."""
     one, readings = slice(step, step + 1), record.readings
     taken = readings.step == step
     values, numbers = readings.values[:, taken], readings.landmark_number[taken]

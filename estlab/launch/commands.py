@@ -1,4 +1,4 @@
-"""What is done with the configuration that Hydra composed: estlab run, and estlab simulate."""
+"""The commands on a configuration that Hydra composed: estlab run and estlab simulate."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def run_job(command: list[str], config: "DictConfig", on_end: "Callable[[list[Finding]], object] | None" = None) -> int:
-    """One run: its exit code. Says what is wrong in one line and never raises but for an interruption.
+    """Run an experiment. Returns its exit code. Reports errors in one line; only an interruption is raised.
 
-    on_end: is given what was found of what was expected.
+    on_end: receives the findings about expectations.
     """
     from estlab import rundir
     from estlab.launch import composed
@@ -35,9 +35,9 @@ def run_job(command: list[str], config: "DictConfig", on_end: "Callable[[list[Fi
 
 
 def simulate_job(config: "DictConfig") -> int:
-    """Write simulated data: the exit code.
+    """Write simulated data. Returns the exit code.
 
-    Raises UserError for a configuration from which none can be made.
+    Raises UserError for a configuration without data to simulate.
     """
     from estlab.config.build import build
     from estlab.experiment.simulate import simulate
@@ -45,7 +45,7 @@ def simulate_job(config: "DictConfig") -> int:
 
     settings = build(*composed.described(config))
     if not settings.data.path:
-        raise UserError("data.path must be given: the folder to write to, for example data.path=mine")
+        raise UserError("data.path is required: the folder to write to, for example data.path=mine")
     for path in simulate(settings):
         print(printable(str(path)))
     return OK

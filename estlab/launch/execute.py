@@ -1,4 +1,4 @@
-"""The one way to run an experiment: what was asked for, into the directory of a run, and how it ended."""
+"""The only way to run an experiment: a request, executed in the directory of a run."""
 
 import contextlib
 import errno
@@ -20,13 +20,13 @@ from estlab.experiment.experiment import Show
 from estlab.launch.launcher import FAILED, INTERRUPTED, OK, USAGE, complain, pasted
 from estlab.rundir import RunDirectory, State
 
-# By number of the system's error, what to do about a file of the run that cannot be written.
+# What to do about a file of the run that cannot be written, by the system's error number.
 _REMEDIES = {
-    errno.ENOSPC: "make room or set output to another disk",
-    errno.EDQUOT: "make room or set output to another disk",
-    errno.ENOENT: "leave its directory where it is until the run has ended",
-    errno.EINVAL: "remove what stands in its place",
-    errno.EISDIR: "remove what stands in its place",
+    errno.ENOSPC: "free some space, or set output to another disk",
+    errno.EDQUOT: "free some space, or set output to another disk",
+    errno.ENOENT: "do not move its directory until the run has ended",
+    errno.EINVAL: "remove what is in its place",
+    errno.EISDIR: "remove what is in its place",
     errno.EROFS: "set output to another disk",
     errno.EIO: "the disk is failing, set output to another",
     errno.ESTALE: "set output to another disk",
@@ -38,10 +38,10 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class Request:
-    """An experiment that is asked for, as plain data that any process can be given.
+    """A requested experiment, as plain data for any process.
 
-    plain: its resolved configuration. config, overrides: the texts of config.yaml and overrides.yaml. command: what is
-    typed for it.
+    plain: its resolved configuration. config, overrides: the texts of config.yaml and overrides.yaml. command: the
+    words typed for it.
     """
 
     plain: dict[str, Any]
@@ -53,7 +53,7 @@ class Request:
     def settings(self) -> Settings:
         """Its configuration as objects.
 
-        Raises UserError for one that is no good, or whose parts do not go together.
+        Raises UserError for an invalid one, or if its parts do not fit together.
         """
         settings = build(self.plain, self.names)
         check(settings)
@@ -81,10 +81,10 @@ def execute(
     on_end: Callable[[list[Finding]], object] | None = None,
     audience: Audience = Audience(),
 ) -> int:
-    """Run it in this directory and set its final status; the exit code. It raises an interruption alone.
+    """Run it in this directory and set its final status. Returns the exit code. Only an interruption is raised.
 
-    settings: those of the request, where they are made already. on_end: is given what was found of what was expected,
-    once all is written but the status.
+    settings: those of the request, if they already exist. on_end: receives the findings about expectations, once
+    everything except the status is written.
     """
 
     def work() -> str:
@@ -102,9 +102,9 @@ def execute(
 
 
 def concluded(directory: RunDirectory, work: Callable[[], str], page: bool, audience: Audience) -> int:
-    """Do the work of a run, logged, and set its final status; the exit code. It raises an interruption alone.
+    """Do the work of a run, logged, and set its final status. Returns the exit code. Only an interruption is raised.
 
-    work: gives what was expected and not found, nothing if all was. page: whether to write report.html.
+    work: returns the expectations not met, empty if all were. page: whether to write report.html.
     """
     try:
         with directory.logged():
@@ -121,13 +121,13 @@ def concluded(directory: RunDirectory, work: Callable[[], str], page: bool, audi
     else:
         return _ended(directory, "unmet" if unmet else "ok", unmet, FAILED if unmet else OK, audience)
     finally:
-        # Last, since it shows the status too.
+        # Last, because it shows the status too.
         if page and directory.is_there():
             write_page(directory.path, audience.complain)
 
 
 def _ended(directory: RunDirectory, state: State, message: str, code: int, audience: Audience) -> int:
-    """Set the final status and say what is wrong; the exit code. A run whose status cannot be written has failed."""
+    """Set the final status and print what is wrong. Returns the exit code, that of a failure if it cannot be set."""
     try:
         directory.finish(state, message, code)
     except OSError as error:
@@ -137,19 +137,21 @@ def _ended(directory: RunDirectory, state: State, message: str, code: int, audie
 
 
 def write_page(folder: Path, complain: Callable[[str, int], int] = complain) -> None:
-    """Write report.html. A disk without room for it changes nothing in how a run ended."""
+    """Write report.html. If the disk has no room for it, the run's outcome stays the same."""
     from estlab.report import page
 
     try:
         page.write(folder)
     except OSError as error:
         complain(
-            f"{error.filename}: {error.strerror}; the page is missing, "
-            f"draw it later with estlab report {pasted(folder)}",
+            f"{error.filename}: {error.strerror}; the page is missing; draw it later with estlab report "
+            f"{pasted(folder)}",
             FAILED,
         )
     except Exception as error:
-        complain(f"{folder}: report.html is missing ({type(error).__name__}: {error}); all else is as it was", FAILED)
+        complain(
+            f"{folder}: report.html is missing ({type(error).__name__}: {error}); everything else is unchanged", FAILED
+        )
 
 
 def _reason(error: BaseException, log: Path) -> str:
@@ -172,6 +174,6 @@ def _reason(error: BaseException, log: Path) -> str:
 
 
 def _of_directory(error: OSError, folder: Path) -> bool:
-    """Whether it is a run directory that fails: by who raised it, or by the path that it names."""
+    """Whether the run directory is what fails, by the function that raised the error, or by the path that it names."""
     named = isinstance(error.filename, str) and Path(error.filename).is_relative_to(folder)
     return named or any(frame.module.startswith("estlab.rundir") for frame in frames(error))

@@ -1,4 +1,4 @@
-"""A configuration composed without a command line, in a process that may use Hydra for something else."""
+"""Composes a configuration without a command line, in a process that may use Hydra for something else."""
 
 import sys
 import threading
@@ -15,14 +15,14 @@ from estlab.launch.error_messages import one_line
 if TYPE_CHECKING:
     from estlab.launch.execute import Request
 
-# Hydra, the log and the filters of warnings are the process's own, so its threads take turns.
+# Hydra, the log and the warning filters belong to the process, so its threads take turns.
 ONE_AT_A_TIME = threading.RLock()
 
 
 def compose(arguments: Sequence[str]) -> "tuple[Request, Path]":
     """What ``estlab run`` would run for these arguments, and where; nothing of Hydra's stays in the process.
 
-    Raises UserError, as the command line says it, for what cannot be composed.
+    Raises UserError, as on the command line, if it cannot be composed.
     """
     from hydra.core.global_hydra import GlobalHydra
 
@@ -41,7 +41,7 @@ def compose(arguments: Sequence[str]) -> "tuple[Request, Path]":
 
 @contextmanager
 def hydra_apart() -> Iterator[None]:
-    """Hydra for the body alone: what this process has of it is put aside, and comes back as it was."""
+    """Hydra for the body only: the process's own state of Hydra is put aside, and restored afterwards."""
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.hydra_config import HydraConfig
     from hydra.core.singleton import Singleton
@@ -95,12 +95,12 @@ def _composed(taken: Sequence[str], command: list[str]) -> "tuple[Request, Path]
 def _config_folders(flags: Sequence[str], words: Sequence[str]) -> list[Path]:
     """The folders of --config-dir. Raises UserError for any other flag, and for a sweep."""
     if is_sweep(flags, words):
-        raise UserError("a run is one job; take estlab.sweep for several")
+        raise UserError("a run is one job; use estlab.sweep for several")
     folders = []
     for flag in flags:
         name, _, value = flag.partition("=")
         if name != CONFIG_DIR[0]:
-            raise UserError(f"{flag} is of the command line; in Python write keys, and config_dir=FOLDER")
+            raise UserError(f"{flag} belongs to the command line; in Python write keys, and config_dir=FOLDER")
         if not Path(value).is_dir():
             raise UserError(f"{CONFIG_DIR[0]}: there is no folder {value}")
         folders.append(Path(value).absolute())

@@ -1,4 +1,4 @@
-"""What ``${...}`` may call in configuration, besides what OmegaConf and Hydra bring."""
+"""The functions that ``${...}`` may call in configuration, in addition to those of OmegaConf and Hydra."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from estlab.config import angles
 
 
 def register() -> None:
-    """From now on ``${deg:40}`` is an angle, in this process."""
+    """Make ``${deg:40}`` an angle in this process."""
     OmegaConf.register_new_resolver("deg", angles.radians, replace=True)
 
 

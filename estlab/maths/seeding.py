@@ -1,4 +1,4 @@
-"""Streams of many runs begun at once: NumPy's SeedSequence, its last word a whole array of run numbers.
+"""Seeds the streams of many runs at once: NumPy's SeedSequence, with an array of run numbers as its last word.
 
 O'Neill 2015, "Developing a seed_seq alternative"; the constants are those of NumPy's guaranteed algorithm.
 """
@@ -16,27 +16,27 @@ _GIVEN, _GIVEN_BY = 0x8B51F9DD, 0x58F38DED
 _LEFT, _RIGHT = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
 _HALF = np.uint32(16)
 _POOL, _WORD = 4, 2**32
-_MANY = 4  # runs, from which on it is quicker
+_MANY = 4  # runs from which it is faster
 
 
 class _Known(ISeedSequence):
-    """Words that a generator takes as its seed."""
+    """The words that a generator takes as its seed."""
 
     def __init__(self, words: Array) -> None:
         self.words = words
 
     def generate_state(self, n_words: int, dtype: object = np.uint32) -> Array:
-        """The words, as many and as wide as PCG64 asks for."""
+        """The words, in the number and width that PCG64 asks for."""
         return self.words
 
 
 def seeded(seed: int, key: Sequence[int], runs: Sequence[int]) -> list[np.random.Generator]:
-    """For each run the generator that SeedSequence(seed, spawn_key=(*key, run)) seeds. key: words of 32 bits."""
+    """For each run the generator seeded by SeedSequence(seed, spawn_key=(*key, run)). key: words of 32 bits."""
     return [np.random.Generator(np.random.PCG64(cast(Any, _Known(own)))) for own in seeds(seed, key, runs)]
 
 
 def seeds(seed: int, key: Sequence[int], runs: Sequence[int]) -> Array:
-    """For each run four words of 64 bits (runs, 4), which SeedSequence(seed, spawn_key=(*key, run)) generates."""
+    """For each run four words of 64 bits (runs, 4), as SeedSequence(seed, spawn_key=(*key, run)) generates them."""
     if len(runs) < _MANY or min(runs) < 0 or max(runs) >= _WORD:
         each = (np.random.SeedSequence(seed, spawn_key=(*key, run)) for run in runs)
         return np.array([own.generate_state(_POOL, np.uint64) for own in each], dtype=np.uint64).reshape(-1, _POOL)

@@ -1,4 +1,4 @@
-"""The tables that have lines of each filter: a function for each, whose name is its file's."""
+"""The tables with lines of each filter: a function for each, named after its file."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -14,10 +14,10 @@ Table = Mapping[str, Any] | Sequence[Mapping[str, Any]]  # by column or by row
 
 
 class FilterSums(NamedTuple):
-    """What is known of one filter over all runs.
+    """The sums of one filter over all runs.
 
-    first: the first run's truth (n, T), mean (n, T), cov (n, n, T). runs: what each of the first runs answers. bound:
-    (n, n, T), the Cramer-Rao bound, if there is one.
+    first: the first run's truth (n, T), mean (n, T), cov (n, n, T). runs: the results of each of the first runs.
+    bound: (n, n, T), the Cramer-Rao bound, if there is one.
     """
 
     tally: Tally
@@ -35,7 +35,7 @@ TABLES: dict[str, Make] = {}  # by file, in the order in which they are made
 
 
 def table(make: Make) -> Make:
-    """Declare a table of every run; None from it: this filter has no such table."""
+    """Declare a table of every run. If it returns None, the filter has no such table."""
     TABLES[f"{make.__name__}.csv"] = make
     return make
 

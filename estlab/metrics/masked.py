@@ -1,4 +1,4 @@
-"""Sums over what counts, and how much that is: the numbers of NumPy, in a third of its time where all counts."""
+"""Sums over the entries that count, and their number: NumPy's results, in a third of its time if all count."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ Axes = int | tuple[int, ...]
 
 
 def total(values: Array, where: Array, axis: Axes) -> Array:
-    """The sum along axes of what is to be counted."""
+    """The sum along axes of the entries that count."""
     if not where.all():
         return np.asarray(np.sum(values, axis=axis, where=where))
     return count(values, axis) if values.dtype == bool else np.asarray(np.sum(values, axis=axis))
 
 
 def mean(values: Array, where: Array, axis: Axes) -> Array:
-    """The mean of what is to be counted; NaN of nothing."""
+    """The mean of the entries that count; NaN if there are none."""
     return total(values, where, axis) / or_nan(count(where, axis))
 
 
@@ -26,5 +26,5 @@ def count(where: Array, axis: Axes) -> Array:
 
 
 def or_nan(sums: Array) -> Array:
-    """Sums to divide by, NaN in the place of nothing."""
+    """Divisors, with NaN in place of zero."""
     return np.where(sums > 0, sums, np.nan)

@@ -1,4 +1,4 @@
-"""What each metric is called, in which unit it is, how it is written, and what it means: said here alone."""
+"""The name, unit, format and meaning of each metric, stated only here."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -11,7 +11,7 @@ from estlab.metrics.intervals import Estimate
 Metric = tuple[str, str]  # its name and its component, as in metrics.csv
 Form = Literal["figure", "share", "count"]
 
-ALL = "all"  # the component of a metric that is of no single one
+ALL = "all"  # the component of a metric without components
 INTERVAL, HOLM_INTERVAL, HOLM_P = "95 % interval", "interval, Holm", "p, Holm"
 CONSISTENT_BAND = "95 % of a consistent filter"
 
@@ -20,7 +20,7 @@ CONSISTENT_BAND = "95 % of a consistent filter"
 class Term:
     """A metric. unit: None for that of the component.
 
-    form: a figure with as many digits as its interval leaves sense in, a share in per cent, or a whole count.
+    form: a figure with the digits that its interval justifies, a share in per cent, or an integer count.
     """
 
     heading: str
@@ -41,23 +41,23 @@ METRICS = {
     "anees": Term("NEES / n", "normalised estimation error squared over its expectation, 1 if consistent"),
     "anees_converged": Term("NEES / n, converged", "the same over the runs that neither broke nor were lost"),
     "anis": Term("NIS / m", "normalised innovation squared over its expectation, 1 if consistent"),
-    "innovation_correlation": Term("correlation of innovations", "of whitened ones, 0 if consistent"),
+    "innovation_correlation": Term("correlation of innovations", "of whitened innovations, 0 if consistent"),
     "noncredibility": Term("noncredibility", "distance of covariance and mean square error, near 0 if credible", "dB"),
     "inclination": Term("inclination", "the same with a sign: above 0 overconfident, below 0 conservative", "dB"),
     "loglik": Term("log-likelihood", "log-likelihood of the innovations per value measured", "nat"),
-    "efficiency": Term("bound / RMSE", "Cramér-Rao bound over RMSE, at most 1 but for chance"),
+    "efficiency": Term("bound / RMSE", "Cramér-Rao bound over RMSE, at most 1, apart from chance"),
     "found": Term("found", "share of the runs that found the position", form="share"),
-    "found_time": Term("time to find", "mean time from which on the position is found", "s"),
+    "found_time": Term("time to find", "mean time from which the position is found", "s"),
     "ess": Term("effective sample size", "mean over the steps with readings and over runs", "particles"),
-    "gated": Term("gated", "readings that the gate refused", "readings", "count"),
+    "gated": Term("gated", "readings that the gate rejected", "readings", "count"),
     "vanished": Term("vanished", "readings at which all weights vanished", "readings", "count"),
     "not_finite": Term("not finite", "runs whose estimate became infinite or NaN", "runs", "count"),
     "not_definite": Term("not definite", "runs whose covariance lost its definiteness", "runs", "count"),
     "lost": Term("lost", "runs whose position error stayed beyond the lost radius to the end", "runs", "count"),
     "diverged": Term("diverged", "runs that broke or were lost", "runs", "count"),
-    "verdict": Term("verdict", "the word on the filter; its value is the smallest p-value of the tests", "p"),
+    "verdict": Term("verdict", "the filter's verdict; its value is the smallest p-value of the tests", "p"),
 }
-DIVERGED = ("not_finite", "not_definite", "lost", "diverged")  # counts of runs, of so many
+DIVERGED = ("not_finite", "not_definite", "lost", "diverged")  # counts of runs, out of so many
 
 TESTS = {
     "nees": "NEES / {}",
@@ -69,12 +69,12 @@ TESTS = {
 
 
 def term(name: str) -> Term:
-    """The metric of a name; one that a plugin or another version has is called by its name."""
+    """The metric of a name; an unknown one, from a plugin or another version, keeps its name."""
     return METRICS.get(name) or Term(name.replace("_", " "), "")
 
 
 def unit_of(name: str, component_unit: str = "") -> str:
-    """The unit of a metric of a component with this unit."""
+    """The unit of a metric for a component with this unit."""
     unit = term(name).unit
     return component_unit if unit is None else unit
 
@@ -97,7 +97,7 @@ def column(name: str, component: str = ALL) -> str:
 
 
 def written(name: str, found: Estimate) -> str:
-    """A value as every table has it; nothing for NaN."""
+    """A value as in every table; empty for NaN."""
     form = term(name).form
     if math.isnan(found.value):
         return ""
@@ -107,7 +107,7 @@ def written(name: str, found: Estimate) -> str:
 
 
 def written_with_interval(name: str, found: Estimate) -> str:
-    """The same with its interval, or of how many runs it is: '0.997 [0.944, 1.052]', '2 of 100'."""
+    """The same with its interval, or with the number of runs: '0.997 [0.944, 1.052]', '2 of 100'."""
     if math.isnan(found.value):
         return ""
     if name in DIVERGED:
@@ -118,27 +118,28 @@ def written_with_interval(name: str, found: Estimate) -> str:
 
 
 def test_heading(test: str, of: str) -> str:
-    """A test and what it is of: 'NEES / n'."""
+    """A test and its subject: 'NEES / n'."""
     return TESTS.get(test, test).replace("{}", of)
 
 
 def expected(test: str, value: float) -> str:
-    """What a test's value should be, the least where more is as good."""
+    """The expected value of a test; the minimum if more is as good."""
     if math.isnan(value):
         return ""
     return f"{value:.3f} or more" if test == "inside_3sigma" else f"{value:.3g}"
 
 
 def errors_beside(diverged: bool, bounded: bool) -> list[str]:
-    """The metrics that a table of errors has beside each RMSE, where runs diverged and where there is a bound."""
+    """The metrics beside each RMSE in a table of errors, if runs diverged and if there is a bound."""
     more = ["rmse_converged"] * diverged + ["efficiency"] * bounded
     return [*more, "median_abs_error", "mean_sigma", "inside_3sigma", "scored"]
 
 
 def usual(known: Collection[Metric], most: int | None = None) -> list[Metric]:
-    """The few metrics that a table of runs has room for: errors, consistency, divergence, verdict, as far as known.
+    """The few metrics that fit in a table of runs: errors, consistency, divergence, verdict, as far as known.
 
-    Errors are those of the position, of all components together, or else of each component, ``most`` at most.
+    Errors are those of the position, otherwise of all components jointly, otherwise of each component, ``most`` at
+    most.
     """
     errors = [metric for metric in known if metric[0] == "rmse"]
     whole: Sequence[Metric] = [one for one in (("rmse", "position"), ("rmse", ALL)) if one in errors]
@@ -147,7 +148,7 @@ def usual(known: Collection[Metric], most: int | None = None) -> list[Metric]:
 
 
 def usual_columns(columns: Sequence[str], most: int | None = None) -> list[str]:
-    """The same of a sweep's table, by its columns: rmse.position, anees.all."""
+    """The same for a sweep's table, by its columns: rmse.position, anees.all."""
     ends = (".low", ".high")
     known = {split_column(one): one for one in columns if not one.endswith(ends) and split_column(one)[0] in METRICS}
     return [known[metric] for metric in usual(known, most)]

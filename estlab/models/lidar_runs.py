@@ -1,7 +1,8 @@
-"""LIDAR frames of many runs, measured without keeping their points: by NumPy, or by compiled code to the same numbers.
+"""LIDAR frames of many runs, measured without storing their points: by NumPy, or by compiled code with the same
+results.
 
-Compiled code finds which ray reads the smallest range; NumPy then says how much that is, and goes by itself through
-every frame in which rays lie so close that rounding could decide.
+Compiled code finds the ray that reads the smallest range; NumPy then computes the range, and handles every frame in
+which rays lie so close that rounding could decide.
 """
 
 from collections.abc import Sequence
@@ -20,16 +21,16 @@ from estlab.models.lidar import STEP, cast, measure_frames, nearest_hit, rays, s
 
 PURPOSE = "readings"  # of the streams
 _FRAMES, _FRAMES_BY_NUMPY = 6_000, 1_600  # at once, whose arrays stay in the cache; NumPy has arrays of all their rays
-_MANY = 40_000  # frames, from which on loading the compiler pays
+_MANY = 40_000  # frames from which loading the compiler pays
 _SURE = 1e-9  # rad of bearing, and share of a range, within which rounding might decide
 _WIDE = 3.0  # rad, which no rectangle reaches over that the sensor is well outside of
-_STEEP = 1e-5  # cosine of the angle between a ray and an edge's normal, below which its quotient is not as exact
+_STEEP = 1e-5  # cosine of the angle between a ray and an edge's normal, below which its quotient is less exact
 
 
 def measure_runs(states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> Array:
     """The three-number measurements (3, T, runs) of rectangles (6, T, runs) from frames of noisy points.
 
-    Each run's noise is drawn from its stream for readings. sds: of range [m] and bearing [rad].
+    Each run's noise comes from its stream for readings. sds: of range [m] and bearing [rad].
     """
     _, steps, count = states.shape
     scan = _compiled() if steps * count >= _MANY else None
@@ -46,7 +47,7 @@ def measure_runs(states: Array, streams: Streams, runs: Sequence[int], sds: Sequ
 
 
 def noisy_frames(states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> tuple[Array, Array]:
-    """Noisy points (2, N) of the frames of all steps of one run, then of the next; and their frames' numbers."""
+    """Noisy points (2, N) of the frames of all steps, run by run; and the frame number of each."""
     points, owner = cast(_one_run_after_another(states))
     edges = np.searchsorted(owner, states.shape[1] * np.arange(len(runs) + 1))
     noise = [
@@ -62,14 +63,14 @@ def _one_run_after_another(states: Array) -> Array:
 
 @cache
 def _compiled() -> Fold | None:
-    """The scan as compiled code; None where there is no compiler, or no room for one."""
+    """The compiled scan; None without a compiler, or without room for one."""
     return Fold(_ray, given=7, looked_up=2, kept=7, parameters=2) if loadable() else None
 
 
 def _ray(number: Array, frame: Array, noise: Array, kept: Array, sds: Array) -> tuple[Array, ...]:
-    """What a frame is found to be with one more of its rays.
+    """The state of a frame after one more of its rays.
 
-    Of all so far: the smallest range, the ray that has it, the next range; least and most bearing about that of the
+    Over all rays so far: the smallest range, its ray, the next range; smallest and largest bearing relative to the
     first; the first; the smallest cosine between a ray and the normal of an edge.
     """
     edges, start, count = frame[:5], frame[5], frame[6]
@@ -93,7 +94,7 @@ def _ray(number: Array, frame: Array, noise: Array, kept: Array, sds: Array) -> 
 
 
 def _by_rays(scan: Fold, states: Array, streams: Streams, runs: Sequence[int], sds: Sequence[float]) -> Array:
-    """The measurements (3, runs * T), the frames of one run after those of another."""
+    """The measurements (3, runs * T), run by run."""
     steps, state = states.shape[1], _one_run_after_another(states)
     first, last, nearest, start, count = rays(state)
     sure = (last - first < _WIDE) & (nearest > _SURE) & (start * STEP - first > _SURE)
@@ -102,7 +103,7 @@ def _by_rays(scan: Fold, states: Array, streams: Streams, runs: Sequence[int], s
     at = np.flatnonzero(doubtful)
     count[at] = np.bincount(cast(state[:, at])[1], minlength=at.size)
 
-    # A run's numbers are those of the ranges of all its points, then those of their bearings.
+    # A run's numbers are those for the ranges of all its points, then those for their bearings.
     edges = np.concatenate([[0], np.cumsum(count)])
     ends = edges[::steps]
     noise = one_after_another(normals_code(), streams, PURPOSE, runs, 2 * ends, int(count.max(initial=0)) + 1)

@@ -105,7 +105,7 @@ class Workers(Generic[R]):
             for _ in range(self._most - 1):
                 ours, theirs = context.Pipe()
                 process = context.Process(target=worker.serve, args=(self._work, theirs), daemon=True)
-                with _signals_held(), _script_left_out():
+                with signals_held(), _script_left_out():
                     process.start()
                     self._processes[ours] = process
                 theirs.close()
@@ -196,7 +196,7 @@ def _script_left_out() -> Iterator[None]:
 
 
 @contextmanager
-def _signals_held() -> Iterator[None]:
+def signals_held() -> Iterator[None]:
     """Defer interruptions: a worker that is just starting does not handle them yet."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:

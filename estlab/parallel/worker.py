@@ -26,7 +26,7 @@ def serve(work: Callable[[int, Callable[[], None]], Any], end: Connection) -> No
     """Do the tasks whose numbers arrive and send their results. Ends when its parent does, however that ends."""
     left_to_parent()
     cores.keep_memory()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     messages = _Messages(end)
     messages.take_over_logging()
     with cores.one_thread_meanwhile():
@@ -111,7 +111,8 @@ def _portable(error: BaseException) -> bytes:
     return carried
 
 
-def _end_with_parent() -> NoReturn:
+def end_with_parent() -> NoReturn:
+    """End this process when the one that started it has ended, however that ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

@@ -1,4 +1,4 @@
-"""What each colour stands for in the pictures, and one colour for each filter, the same in all of them."""
+"""The meaning of each colour in the pictures, and one colour for each filter, the same in all of them."""
 
 from collections.abc import Collection, Iterable, Sequence
 from itertools import chain, product
@@ -25,13 +25,13 @@ _FILTERS = {
 }
 _FREE = tuple(_FILTERS.values())
 _DASHES = ("-", "--", ":")
-MOST = len(_FREE) * len(_DASHES)  # curves that are told apart
+MOST = len(_FREE) * len(_DASHES)  # curves that can be told apart
 
 
 def colours(filters: Iterable[str]) -> dict[str, str]:
-    """The colour of each filter of a run: a shipped filter's own, a plugin's by its name or the next that is free.
+    """The colour of each filter of a run: a shipped filter's own; a plugin's by its name, or the next free one.
 
-    Smoothed estimates have a darker one of their filter's.
+    Smoothed estimates have a darker shade of their filter's.
     """
     found: dict[str, str] = {}
     names = list(dict.fromkeys(filters))
@@ -43,7 +43,7 @@ def colours(filters: Iterable[str]) -> dict[str, str]:
 
 
 def _free(name: str, taken: Collection[str]) -> str:
-    """A colour that hangs on the name alone, unless it is taken."""
+    """A colour that depends only on the name, unless it is taken."""
     first = crc32(name.encode()) % len(_FREE)
     order = [*_FREE[first:], *_FREE[:first]]
     return next((one for one in order if one not in taken), order[0])
@@ -52,7 +52,7 @@ def _free(name: str, taken: Collection[str]) -> str:
 def curves(filters: Sequence[str]) -> list[tuple[str, str]]:
     """Colour and dash of curves of these filters, no two alike up to MOST.
 
-    A filter's curves have its colour with one dash after another, then the colours of filters that are not there.
+    A filter's curves have its colour with one dash after another, then the colours of absent filters.
     """
     own = colours(filters)
     others = [one for one in _FREE if one not in own.values()]

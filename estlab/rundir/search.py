@@ -28,7 +28,7 @@ def run_directories(words: Sequence[str]) -> list[Path]:
     for word in words:
         matches = [Path(word)] if os.path.lexists(word) else sorted(_matches(word), key=lambda p: _natural(str(p)))
         if not matches:
-            raise UserError(f"there is no {word}; name runs, folders of runs, or a pattern:  'runs/*/*_car_*'")
+            raise UserError(f"there is no {word}; name runs, folders of runs, or a pattern: 'runs/*/*_car_*'")
         for match in matches:
             for run in within(match):
                 found.setdefault(run.resolve(), run)

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import pickle
 import threading
 import time
 from collections.abc import Iterator
@@ -12,13 +13,14 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from estlab.launch.composed import described, typed
+from estlab.config.settings import Names
 from estlab.launch.execute import Request, execute
 from estlab.launch.launcher import OK, USAGE
 from estlab.launch.path_arguments import as_typed
 from estlab.rundir import RunDirectory, process
 from estlab.rundir.layout import OUTPUT
 from estlab.sweeps import state
+from estlab.sweeps.state import Planned
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -32,22 +34,42 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a job needs, as plain data for any process."""
+    """Everything that a job needs, as plain data for any process.
+
+    plain: its resolved configuration. words: what is typed for it. hydra_job: what Hydra calls hydra.job of it. alone:
+    whether it may take all cores, no other job running beside it.
+    """
 
     sweep: str
     name: str
-    request: Request
+    plain: dict[str, Any]
+    names: Names
+    words: tuple[str, ...]
+    hydra_job: dict[str, Any]
+    alone: bool
+
+    @property
+    def request(self) -> Request:
+        """What it asks for. Where its parts lie is no part of that: it may be typed, and gives the same, without."""
+        words = [as_typed(word) for word in self.words if not word.startswith("sweep.")]
+        cores = {"cores": 1} if self.plain["cores"] is None and not self.alone else {}
+        return Request(
+            plain=self.plain | cores,
+            names=self.names,
+            config=_text(self.plain | {"parts": []}),
+            overrides=_text(list(self.words)),
+            command=["estlab", "run", *words],
+        )
 
     @property
     def fingerprint(self) -> str:
         """What decides its figures."""
-        names = self.request.names
-        return state.fingerprint(self.request.plain, names.scenario, names.filter)
+        return state.fingerprint(self.plain, self.names.scenario, self.names.filter)
 
     def run(self) -> int:
         """Run in its directory, which must not exist. Returns the exit code. Only an interruption is raised."""
         facts: dict[str, Any] = {"fingerprint": self.fingerprint}
-        if parts := self.request.plain["parts"]:
+        if parts := self.plain["parts"]:
             took = [state.outcome(Path(folder), "").wall_time or 0.0 for folder in parts]
             facts |= {"parts": len(took), state.PARTS_TOOK: round(sum(took), 3)}
         directory = RunDirectory(Path(self.sweep, self.name), Path(self.sweep), **facts)
@@ -56,18 +78,27 @@ class Job:
 
 
 def task(config: "DictConfig") -> int:
-    """Run the job of a composed configuration, with retries. Returns the last attempt's exit code."""
+    """Run the ready job that one of Hydra's launchers was given. Returns the last attempt's exit code."""
     from hydra.core.hydra_config import HydraConfig
 
+    from estlab.sweeps import ready
+
+    return perform(ready.job_of(config), _is_ours(HydraConfig.get().launcher))
+
+
+def perform(job: Job, ours: bool) -> int:
+    """Run a job, with retries. Returns the last attempt's exit code.
+
+    ours: whether this process is there for the sweep alone, and ends with it.
+    """
     with _ONE_AT_A_TIME:
-        sweep, name = Path(HydraConfig.get().sweep.dir), str(HydraConfig.get().sweep.subdir)
+        sweep, name = Path(job.sweep), job.name
         if state.stopped(sweep):
             with contextlib.suppress(OSError):
                 (sweep / name).rmdir()  # Hydra made it; a folder that is not empty stays
             return OK
-        job = _job(config, sweep, name)
-        limits = job.request.plain["sweep"]
-        if _is_ours(HydraConfig.get().launcher):
+        limits = job.plain["sweep"]
+        if ours:
             _end_with(sweep)
         code = OK
         for _ in range(1 + limits["retries"]):
@@ -82,23 +113,22 @@ def task(config: "DictConfig") -> int:
         return code
 
 
-def _job(config: "DictConfig", sweep: Path, name: str) -> Job:
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import OmegaConf
+def job_of(planned: Planned, sweep: Path, alone: bool) -> Job:
+    """A planned job as its worker is given it. alone: whether no other runs beside it."""
+    plain, names, words, hydra_job = pickle.loads(planned.composed)
+    if part := planned.own.get("part"):
+        words = (*words, f"part=[{part[0]},{part[1]}]")
+    return Job(str(sweep), planned.name, plain | planned.own, names, words, hydra_job, alone)
 
-    plain, names = described(config)
-    if plain["cores"] is None and not str(HydraConfig.get().launcher["_target_"]).endswith("BasicLauncher"):
-        plain["cores"] = 1  # the engine already spreads its jobs over the cores
-    # The place of a job's parts does not belong to it: the job gives the same when typed without them.
-    words = [word for word in typed() if not word.startswith("parts=")]
-    request = Request(
-        plain=plain,
-        names=names,
-        config=OmegaConf.to_yaml(OmegaConf.merge(config, {"parts": []}), resolve=True),
-        overrides=OmegaConf.to_yaml(words),
-        command=["estlab", "run", *(as_typed(word) for word in words if not word.startswith("sweep."))],
+
+def _text(content: Any) -> str:
+    """YAML as OmegaConf writes it, of plain data in which ${...} stands for itself."""
+    import yaml
+    from omegaconf._utils import get_omega_conf_dumper
+
+    return yaml.dump(
+        content, default_flow_style=False, allow_unicode=True, sort_keys=False, Dumper=get_omega_conf_dumper()
     )
-    return Job(str(sweep), name, request)
 
 
 def _is_ours(launcher: "DictConfig") -> bool:

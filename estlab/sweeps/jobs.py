@@ -1,6 +1,7 @@
 """From the words of a sweep to its jobs. Each is composed once to find its name and its fingerprint."""
 
 import os
+import pickle
 from collections.abc import Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from estlab.config.build import build
 from estlab.config.groups import SweepSettings
 from estlab.errors import UserError
 from estlab.experiment.blocks import block_count
-from estlab.launch.composed import described
+from estlab.launch.composed import described, typed
 from estlab.launch.quoting import angle_as_typed, unquoted
 from estlab.rundir.layout import ATTEMPTS
 from estlab.sweeps import split
@@ -113,7 +114,7 @@ def composed(
 ) -> "tuple[Planned, dict[str, Any], Names]":
     """A job, its configuration as plain data, and the user's names for its parts."""
     from hydra.core.hydra_config import HydraConfig
-    from omegaconf import open_dict, read_write
+    from omegaconf import OmegaConf, open_dict, read_write
 
     job_config = context.config_loader.load_sweep_config(config, overrides)
     with open_dict(job_config):
@@ -123,6 +124,8 @@ def composed(
     HydraConfig.instance().set_config(job_config)
     try:
         name = str(HydraConfig.get().sweep.subdir).replace("/", "-")
+        hydra_job = OmegaConf.to_container(job_config.hydra.job, resolve=False)
+        words = tuple(typed())
         with read_write(job_config), open_dict(job_config):
             del job_config["hydra"]
         plain, names = described(job_config)
@@ -132,7 +135,8 @@ def composed(
     resolved = {key: str(angles.resolved(unquoted(value))) for key, value in values.items()}
     mark = fingerprint(plain, names.scenario, names.filter)
     parts = _parts(plain, names, limits.split_runs)
-    return Planned(number, name, tuple(overrides), resolved, mark, parts), plain, names
+    ready = pickle.dumps((plain, names, words, hydra_job), pickle.HIGHEST_PROTOCOL)
+    return Planned(number, name, tuple(overrides), resolved, mark, parts, ready), plain, names
 
 
 def _check_folder(name: str) -> None:

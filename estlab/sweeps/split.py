@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from estlab.launch.quoting import literal, quoted
 from estlab.sweeps import state
 from estlab.sweeps.state import Outcome, Planned
 
@@ -24,6 +23,8 @@ def parts_of(job: Planned) -> list[Planned]:
             overrides=(*job.overrides, f"part=[{which},{job.parts}]"),
             values=job.values,
             fingerprint=state.of_part(job.fingerprint, which, job.parts),
+            composed=job.composed,
+            own={"part": [which, job.parts]},
         )
         for which in range(job.parts)
     ]
@@ -65,5 +66,4 @@ def merges(jobs: Sequence[Planned], sweep: Path) -> list[Planned]:
 
 
 def _merge(job: Planned, sweep: Path) -> Planned:
-    folders = ",".join(quoted(literal(str(sweep / part.name))) for part in parts_of(job))
-    return replace(job, overrides=(*job.overrides, f"parts=[{folders}]"))
+    return replace(job, own={"parts": [str(sweep / part.name) for part in parts_of(job)]})

@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path, PurePath
 from typing import Any, Literal, cast
@@ -36,6 +36,8 @@ class Planned:
     """A job of a sweep: its directory's name, its typed words, its values of the swept keys, its fingerprint.
 
     parts: the number of parts in which it runs, each a separate job, before they merge; see estlab.sweeps.split.
+    composed: its configuration, pickled, as a worker is given it (see estlab.sweeps.job). own: the keys in which this
+    part, or this job put together from parts, has other values than the configuration that was composed.
     """
 
     number: int
@@ -44,6 +46,13 @@ class Planned:
     values: dict[str, str]
     fingerprint: str
     parts: int = 1
+    composed: bytes = field(default=b"", repr=False, compare=False)
+    own: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def facts(self) -> dict[str, Any]:
+        """What the plan of a sweep says of it."""
+        keys = ("number", "name", "overrides", "values", "fingerprint", "parts")
+        return {key: getattr(self, key) for key in keys}
 
 
 @dataclass(frozen=True)
@@ -260,7 +269,11 @@ def begin(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning
 
 def write_plan(sweep: Path, arguments: Sequence[str], jobs: Sequence[Planned], tuning: str = "") -> None:
     """Write the typed words and the jobs that they make."""
-    plan: dict[str, Any] = {"arguments": list(arguments), "folder": str(Path.cwd()), "jobs": [asdict(j) for j in jobs]}
+    plan: dict[str, Any] = {
+        "arguments": list(arguments),
+        "folder": str(Path.cwd()),
+        "jobs": [job.facts() for job in jobs],
+    }
     files.write_text(sweep, PLAN, json.dumps(plan | ({"tuning": tuning} if tuning else {}), indent=1) + "\n")
 
 

@@ -75,7 +75,7 @@ class SweepRunner:
         left = [unit for unit in split.units(planned) if not before[unit.name].whole]
         work.claim(left)
         announcements.resumed(self.directory, planned, before)
-        with work.unstopped(), watched(self.directory, len(before)) as expect:
+        with work.unstopped(), work.workers(left), watched(self.directory, len(before)) as expect:
             expect([unit.name for unit in left], len(before) - len(left))
             work.run(left)
 

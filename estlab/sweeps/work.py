@@ -2,7 +2,7 @@
 
 import errno
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,8 +55,12 @@ class Work:
         """
         for unit in units:
             state.set_aside(self.sweep, unit.name)
-        self.rounds.run([unit for unit in units if unit.parts == 1])
+        self.rounds.run(_whole(units))
         self.rounds.run(split.merges([unit for unit in units if unit.parts > 1], self.sweep))
+
+    def workers(self, units: Sequence[Planned]) -> AbstractContextManager[None]:
+        """In the body, whose first thread is the process's second, these are run on all cores."""
+        return self.rounds.workers(_whole(units))
 
     @property
     def stopped(self) -> bool:
@@ -71,6 +75,11 @@ class Work:
             yield
         finally:
             files.remove(self.sweep, STOP)
+
+
+def _whole(units: Sequence[Planned]) -> list[Planned]:
+    """Those that are not to be put together from parts."""
+    return [unit for unit in units if unit.parts == 1]
 
 
 @contextmanager

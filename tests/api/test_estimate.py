@@ -175,11 +175,11 @@ def test_a_scenario_s_own_run_is_what_estimate_makes_of_its_record(folder):
 
 
 WRONG = {
-    "readings has the shape (60, 2); must be (2, 60): m = 2 components of the sensor, then time; it is the other way "
-    "round, write readings.T": {"readings": READINGS.T},
+    "readings has the shape (60, 2); must be (2, 60): m = 2 components of the sensor, then time; it is transposed, "
+    "write readings.T": {"readings": READINGS.T},
     "readings has the shape (2, 50); must be (2, 60)": {"readings": READINGS[:, :50]},
     "readings must be an array of numbers": {"readings": [["a"]]},
-    "control has the shape (60, 1); must be (c, 60) or (c, 60, 1); it is the other way round": {"control": CONTROL.T},
+    "control has the shape (60, 1); must be (c, 60) or (c, 60, 1); it is transposed": {"control": CONTROL.T},
     "time has the shape (1, 60); must be (T,)": {"time": TIME[None]},
     "time goes back from 6 at step 0 to 5.9; it must ascend": {"time": TIME[::-1]},
     "prior is a tuple; must be an estlab.Gaussian or an estlab.Uniform": {"prior": (1.0, 2.0)},

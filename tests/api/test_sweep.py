@@ -55,7 +55,7 @@ def test_each_job_of_a_sweep_is_a_run(swept):
         _ = found["1_landmark_ekf"]
     with pytest.raises(KeyError, match="9_landmark_ekf"):
         _ = found["9_landmark_ekf"]
-    with pytest.raises(estlab.UserError, match="is no directory of a sweep that has ended"):
+    with pytest.raises(estlab.UserError, match="not the directory of a finished sweep"):
         estlab.Sweep(found.path / "0_landmark_ekf")
 
 

@@ -47,8 +47,9 @@ def test_a_sweep_that_is_killed_and_resumed_has_the_table_of_one_that_was_not(mo
     wait_for(moment)
     process.kill()
     process.communicate()
-    done = {folder: (Path("killed") / folder / "run.json").read_bytes() for folder in job_folders("killed")}
-    done = {folder: was for folder, was in done.items() if status(Path("killed") / folder)["status"] == "ok"}
+    wait_for(lambda: not any(lives(status(Path("killed") / folder)["pid"]) for folder in job_folders("killed")))
+    ok = [folder for folder in job_folders("killed") if status(Path("killed") / folder)["status"] == "ok"]
+    done = {folder: (Path("killed") / folder / "run.json").read_bytes() for folder in ok}
     capsys.readouterr()
     assert main(["sweep", "--resume", "killed"]) == 0
     assert table("killed") == table("undisturbed")
@@ -180,7 +181,7 @@ def test_a_job_that_an_earlier_sweep_left_at_work_is_not_run_twice(undisturbed, 
     with subprocess.Popen(["sleep", "60"]) as other:
         (job / "status.json").write_text(json.dumps(status(job) | {"status": "running", **marks_of(other.pid)}))
         assert main(["sweep", "--resume", "swept"]) == 2
-        assert f"process {other.pid}, of an earlier sweep, is still at work on it" in capsys.readouterr().err
+        assert f"process {other.pid} of an earlier sweep is still at work on it" in capsys.readouterr().err
         other.kill()
     assert main(["sweep", "--resume", "swept"]) == 0
 
@@ -191,7 +192,7 @@ def test_control_c_leaves_tables_and_says_how_to_go_on(capsys):
     process.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell's background jobs ignore
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert err == f"estlab: interrupted; estlab sweep --resume {Path('stopped').resolve()} goes on\n"
+    assert err == f"estlab: interrupted; continue with estlab sweep --resume {Path('stopped').resolve()}\n"
     assert [row["status"] for row in table("stopped")] == ["ok", "left"]
 
 

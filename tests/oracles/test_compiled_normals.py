@@ -39,7 +39,7 @@ def test_other_numbers_than_numpys_are_not_taken(monkeypatch, caplog):
     try:
         with caplog.at_level("INFO", logger="estlab"):
             assert drawn.code() is None
-        assert "drawn by NumPy" in caplog.text
+        assert "NumPy draws the normal numbers" in caplog.text
     finally:
         drawn.code.cache_clear()
 

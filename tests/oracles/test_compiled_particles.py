@@ -48,7 +48,9 @@ def test_another_numpy_is_known_by_its_numbers_and_taken_itself(monkeypatch, cap
     monkeypatch.setattr(numpy_streams, "agrees", lambda draw: False)
     wanted, record = settings("filter=pf", "filter.particles=50").filter, pendulum.record()
     models = pendulum.MOTION, pendulum.SENSOR
-    with pytest.raises(UserError, match=r"^engine=compiled: NumPy .+ draws other normal numbers .+; set engine=numpy$"):
+    with pytest.raises(
+        UserError, match=r"^engine=compiled: NumPy .+ draws different normal numbers .+; set engine=numpy$"
+    ):
         estimated(ParticleLoop(wanted, *models), record)
     caplog.set_level("INFO", "estlab")
     found = estimated(ParticleLoop(wanted, *models, insist=False), record)
