@@ -83,7 +83,7 @@ def test_no_sentence_contradicts_an_interval_beside_it(seed, monkeypatch):
     # What the terminal prints, rounded as it is, lies on the same side of what should be.
     monkeypatch.setenv("COLUMNS", "200")
     table = terminal._tests(Findings(list(rows.values()), tests, said))
-    cells = [list(column.cells) for column in table.columns]
+    cells = list(zip(*table.lines, strict=True))
     for test, interval, mark in zip(tests, cells[2], cells[4], strict=True):
         ends = [float(end) for end in interval.split(" to ")] if interval else []
         assert bool(ends) == np.isfinite(test.p)
