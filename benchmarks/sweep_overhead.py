@@ -20,14 +20,19 @@ REAL = ["scenario=landmark", "filter=ekf", "runs=2", "steps=5"]
 STUB = """
 import json, sys
 from pathlib import Path
-import estlab.cli.main, estlab.sweeps.job, estlab.launch.launcher
+import estlab.cli.main, estlab.launch.composed, estlab.sweeps.job
 from hydra.core.hydra_config import HydraConfig
 from estlab.sweeps.state import fingerprint
 METRICS = "filter,metric,component,unit,value,ci_low,ci_high,n\\nekf,rmse,x,m,%s,0,2,2\\n"
 def stub(*arguments):
-    folder = Path(HydraConfig.get().runtime.output_dir)
     plain, names = estlab.launch.composed.described(arguments[-1])
-    facts = {"wall_time_s": 0.0, "fingerprint": fingerprint(plain, names.scenario, names.filter)}
+    return write(Path(HydraConfig.get().runtime.output_dir), plain, fingerprint(plain, names.scenario, names.filter))
+def perform(job, ours):
+    folder = Path(job.sweep, job.name)
+    folder.mkdir(exist_ok=True)
+    return write(folder, job.plain, job.fingerprint)
+def write(folder, plain, mark):
+    facts = {"wall_time_s": 0.0, "fingerprint": mark}
     (folder / "metrics.csv").write_text(METRICS % plain["seed"])
     (folder / "run.json").write_text(json.dumps(facts))
     (folder / "stub.json").write_text('{"status": "ok"}')
@@ -35,7 +40,9 @@ def stub(*arguments):
     return 0
 """
 RUN = {
-    "stub": STUB + "import estlab.sweeps.rounds\nestlab.sweeps.rounds.task = estlab.cli.main.run_job = stub\n",
+    "stub": STUB
+    + "import estlab.sweeps.rounds\nestlab.cli.main.run_job = stub\n"
+    + "estlab.sweeps.rounds.perform = estlab.sweeps.job.perform = perform\n",
     "real": "import estlab.cli.main\n",
 }
 MAIN = "import sys; sys.exit(estlab.cli.main.main(['sweep', *sys.argv[1:]]))"

@@ -82,7 +82,7 @@ def test_a_page_that_does_not_fit_is_said_of_a_failed_run_too(disk, capsys):
     assert main(WORDS) == 1
     failed, page = capsys.readouterr().err.splitlines()
     assert "the run is incomplete" in failed
-    assert re.search(r"run/report.html: No space left on device; the page is missing, draw it later with \S+", page)
+    assert re.search(r"run/report.html: No space left on device; the page is missing; draw it later with \S+", page)
 
 
 def replaced_by_a_link(run: Path) -> None:

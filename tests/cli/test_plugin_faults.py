@@ -10,7 +10,7 @@ import pytest
 from estlab.cli.main import main
 from estlab.errors import UserError, plugin_fault, plugins_answer
 from estlab.experiment.attempts import Attempts
-from estlab.launch.execute import concluded
+from estlab.launch.execute import Audience, concluded
 from estlab.parallel.worker import _portable
 from estlab.rundir import RunDirectory
 from tests.cli.test_readme import block
@@ -117,7 +117,7 @@ def _fails(directory, error, capsys):
     def work():
         raise error
 
-    assert concluded(directory, work, page=False) == 1
+    assert concluded(directory, work, page=False, audience=Audience()) == 1
     return capsys.readouterr().err.removeprefix("estlab: ").strip()
 
 

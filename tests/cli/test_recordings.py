@@ -105,7 +105,9 @@ def test_any_name_is_taken_by_its_key_and_what_looks_like_it_is_named(capsys):
     assert run("landmark", "data.files.odometry=none.dat") == 2
     assert capsys.readouterr().err == "estlab: data.files.odometry: made/none.dat: no such file\n"
     assert run("landmark", "data.files.odo=none.dat") == 2
-    assert "data.files.odo: the scenario has no such file; it has odometry, measurement" in capsys.readouterr().err
+    assert (
+        "data.files.odo: the scenario has no such file; its files are odometry, measurement" in capsys.readouterr().err
+    )
     assert main(["run", "scenario=landmark", "data.files.odometry=o.dat"]) == 2
     assert "data.files.odometry=o.dat would not be read: add data=files" in capsys.readouterr().err
 

@@ -149,7 +149,7 @@ def test_a_disk_without_room_for_the_page_does_not_spoil_the_run(monkeypatch, ca
     assert main(["run", *TINY, "plots=false", "hydra.run.dir=out", "output=."]) == 0
     assert json.loads(Path("out/status.json").read_text())["status"] == "ok"
     out = Path("out").resolve()
-    remedy = f"the page is missing, draw it later with estlab report {out}"
+    remedy = f"the page is missing; draw it later with estlab report {out}"
     assert capsys.readouterr().err == f"estlab: {out}/report.html: No space left on device; {remedy}\n"
 
 

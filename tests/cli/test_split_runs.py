@@ -89,10 +89,10 @@ def failing(monkeypatch):
     """Make one part of three of the EKF fail; what it returns mends it."""
     real = experiment.run
 
-    def run(settings, directory, command):
+    def run(settings, *others):
         if settings.part == [1, 3] and settings.names.filter == "ekf":
             raise ZeroDivisionError("one over nothing")
-        return real(settings, directory, command)
+        return real(settings, *others)
 
     monkeypatch.setattr(experiment, "run", run)
     return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -103,7 +103,7 @@ def job_a_link(swept: Path) -> str:
 def job_a_file(swept: Path) -> str:
     shutil.rmtree(swept / JOB)
     (swept / JOB).write_text("in the way")
-    return f"{JOB} is no folder"
+    return f"{JOB} is not a folder"
 
 
 def others_linked(swept: Path) -> str:

@@ -21,10 +21,10 @@ def failing(monkeypatch):
     def install(**by_seed):
         real = experiment.run
 
-        def run(settings, directory, command):
+        def run(settings, *others):
             if act := by_seed.get(f"seed{settings.seed}"):
                 act()
-            return real(settings, directory, command)
+            return real(settings, *others)
 
         monkeypatch.setattr(experiment, "run", run)
         return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -129,10 +129,10 @@ def failing(monkeypatch):
     """Make trials of small process noise fail; what it returns mends them."""
     real = experiment.run
 
-    def run(settings, directory, command):
+    def run(settings, *others):
         if settings.noise.filter.process_scale < 0.6:
             raise ZeroDivisionError("one over nothing")
-        return real(settings, directory, command)
+        return real(settings, *others)
 
     monkeypatch.setattr(experiment, "run", run)
     return lambda: monkeypatch.setattr(experiment, "run", real)

@@ -71,7 +71,7 @@ def curves(label: str, rmse: list[float], anees: list[float], components=("x",))
 
 def test_a_comparison_without_truth_has_no_empty_panel():
     unknown, known = curves("1  a", [np.nan] * 3, [np.nan] * 3), curves("2  b", [1.0, 2.0, 3.0], [1.0] * 3, ("y",))
-    with pytest.raises(UserError, match="truth is not known"):
+    with pytest.raises(UserError, match="truth is unknown"):
         overlay.draw([unknown], [])
     panels = overlay.draw([unknown, known], []).axes
     assert [axes.get_ylabel() for axes in panels] == ["RMSE y [m]", "NEES / n"]
