@@ -1,6 +1,6 @@
 """``python -m estlab`` is ``estlab``."""
 
-from estlab.cli.main import main
+from estlab.cli.main import command
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(command())

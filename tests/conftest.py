@@ -1,5 +1,6 @@
 """What all tests share: the shipped configuration as objects, the real data where it is, quiet randomness."""
 
+import gc
 import os
 import pickle
 from functools import cache
@@ -26,6 +27,9 @@ from estlab.record import Estimates
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared" / "data"
 
+# As the command line does: looking for cycles of dead objects takes a tenth of the tests' time.
+gc.freeze()
+gc.set_threshold(100_000)
 resolvers.register()
 hypothesis.settings.register_profile("estlab", derandomize=True, deadline=None, max_examples=60)
 hypothesis.settings.load_profile("estlab")
