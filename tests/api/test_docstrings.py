@@ -10,6 +10,8 @@ import estlab
 import estlab.api
 from tests.cli.finished import made
 
+pytestmark = pytest.mark.slow
+
 MODULES = [module.name for module in pkgutil.iter_modules(estlab.api.__path__, "estlab.api.")]
 
 

@@ -147,6 +147,7 @@ def test_a_uniform_prior_and_landmarks_by_number():
     assert found["place"].mean[-1] == pytest.approx(4.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_scenario_s_own_run_is_what_estimate_makes_of_its_record(folder):
     run = estlab.load(folder)
     settings = build(run.config)

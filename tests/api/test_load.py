@@ -81,6 +81,7 @@ def test_the_verdict_of_a_filter_is_that_of_verdicts_csv(run, folder):
         assert (verdict.word, verdict.sentence) == tuple(there.loc[name, ["word", "sentence"]])
 
 
+@pytest.mark.slow
 def test_the_pictures_of_the_directory_are_drawn_again_to_the_last_pixel(run, folder):
     plots = {path.stem: path.read_bytes() for path in (folder / "plots").glob("*.png")}
     assert set(run.figures) == set(plots)

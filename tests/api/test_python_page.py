@@ -12,6 +12,8 @@ import pytest
 from estlab.api.tables import COLUMNS
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 PAGE = (ROOT / "docs" / "python.md").read_text()
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 KINDS = {"text": str, "number": float, "numbers": float, "count": int, "counts": int, "bool": bool}

@@ -26,6 +26,8 @@ from estlab.cli.main import main
 from estlab.launch import resolvers
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 TINY = {"scenario": "landmark", "runs": 4, "steps": 12, "plots": False, "report": False}
 TABLES = ("metrics", "errors", "nees", "nis", "tests", "runs", "comparison", "coverage", "expectations")
 

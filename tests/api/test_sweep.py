@@ -14,6 +14,8 @@ import pytest
 import estlab
 from estlab.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 TINY = {"scenario": "landmark", "runs": 3, "steps": 5}
 
 

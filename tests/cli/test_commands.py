@@ -157,6 +157,7 @@ def test_a_wrong_key_is_one_line_and_leaves_no_directory(capsys):
     assert not Path("runs").exists() or not any(Path("runs").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -448,6 +449,7 @@ def test_a_filter_that_diverges_is_counted_and_the_run_is_ok(capsys):
     assert metrics.loc["verdict"].index.tolist() == ["lost"]
 
 
+@pytest.mark.slow
 def test_figures_are_the_same_for_one_and_two_threads():
     texts = []
     for threads in ("1", "2"):
@@ -477,6 +479,7 @@ def test_several_filters_are_compared_and_each_gets_a_verdict(capsys):
     assert set(verdicts["filter"]) == {"ekf", "ukf", "dead_reckoning"}
 
 
+@pytest.mark.slow
 def test_parts_of_an_ensemble_put_together_are_what_one_process_finds():
     common = ["run", "scenario=field", "filter=[ekf,pf]", "filters.pf.particles=40", "runs=23", "steps=30"]
     common += ["plots=false", "block_runs=3", "keep_runs=4"]

@@ -102,9 +102,7 @@ def test_workers_that_are_killed_take_their_own_jobs_alone_which_run_again(sched
 @pytest.mark.parametrize("word", ["workers=0", "workers=x", "allowed_failures=-1", "patience=nan"])
 def test_dask_is_given_no_number_that_it_would_wait_for_without_end(word, capsys):
     assert sweep("seed=1,2", "hydra/launcher=dask", f"hydra.launcher.{word}") == 2
-    assert (
-        f"hydra.launcher.{word.partition('=')[0]} must be an integer from " in capsys.readouterr().err.splitlines()[-1]
-    )
+    assert f"hydra.launcher.{word.partition('=')[0]} must be a" in capsys.readouterr().err.splitlines()[-1]
 
 
 @dask

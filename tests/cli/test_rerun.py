@@ -13,6 +13,8 @@ import yaml
 from estlab.cli.main import main
 from tests.cli.finished import edit, made
 
+pytestmark = pytest.mark.slow
+
 PENDULUM = """
 from pathlib import Path
 from estlab.scenarios.landmark import Landmark

@@ -115,6 +115,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_bad_file_is_named_with_its_element(fault, capsys):
     data, truth, message = FAULTS[fault]

@@ -13,6 +13,8 @@ from estlab.launch.composition import CheckedLoader
 from tests.cli.sweeping import TINY, count, job_folders, status, sweep, table, wait_for
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 SIX = ["filter=ekf,ukf", "seed=1,2,3"]
 LONG = ["scenario=sonar", "filter=pf", "filter.particles=5000", "runs=2000", "seed=range(1,5)"]
 

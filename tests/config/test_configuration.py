@@ -46,6 +46,7 @@ def test_every_option_says_what_it_is_and_every_experiment_its_question_and_answ
         assert lines[0].count("?") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", options("scenario"))
 def test_every_pair_runs(scenario, capsys):
     names = options("filter")
@@ -54,6 +55,7 @@ def test_every_pair_runs(scenario, capsys):
     assert (run.missing, capsys.readouterr()) == ({}, ("", ""))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", [e for e in options("experiment") if e != "smoke"])
 def test_every_experiment_runs_tiny(experiment):
     run = estlab.run(experiment=experiment, runs=2, steps=8, expect=None, save=False)

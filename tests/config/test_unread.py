@@ -100,6 +100,7 @@ def made_of(plain, scenario):
     return (shapes, limits, repr(made.filter), repr(table), record.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["simulated", "files"])
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
 def test_every_key_changes_something_or_is_refused(case, source, stray):
@@ -199,6 +200,7 @@ def test_a_users_own_scenario_file_has_defaults_of_its_own(capsys, tmp_path, mon
     assert main(["run", "--config-dir", "mine", *words, "scenario.speed=0.7"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", [name for name in options("scenario") if name not in ("radar", "generator")])
 def test_readings_of_any_data_are_dropped_by_one_key(scenario):
     data = ["data=files", f"data.path={recordings(scenario)}"]

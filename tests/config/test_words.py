@@ -192,6 +192,7 @@ def test_a_file_that_changed_is_read_anew_and_what_became_of_it_is_nobody_elses(
     assert source.load_config("a").config == {"defaults": ["b"], "x": 2}
 
 
+@pytest.mark.slow
 def test_a_mode_that_a_file_of_the_users_states_counts(tmp_path, monkeypatch, capsys):
     """Wherever it lies; two seeds without it are refused."""
     monkeypatch.chdir(tmp_path)
@@ -241,6 +242,7 @@ def numbers(node, path=()):
 PAIRS = [*((name, "ukf") for name in options("scenario")), *(("landmark", name) for name in options("filter"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "name"), PAIRS)
 def test_no_number_of_any_key_is_more_than_a_line(scenario, name):
     """Huge, negative, tiny, a part of one, not finite: taken, or refused with the key."""

@@ -50,6 +50,7 @@ def _with_every_filter(scenario):
     return _set_up(scenario, range(5), 40, *(f"+filter@filters.{name}={name}" for name in options("filter")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", options("filter"))
 @pytest.mark.parametrize("scenario", options("scenario"))
 def test_runs_in_a_batch_do_not_see_each_other(scenario, name):
@@ -124,6 +125,7 @@ def test_runs_that_begin_again_from_the_prior_do_not_draw_for_their_neighbours()
 _GATED = [("sequential", "ekf filter.gate=0.9"), ("interleaved", "ukf filter.gate=0.9")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "words"),
     [*product(["sequential", "stacked", "interleaved"], ["ukf", "ekf", "pf", "apf", "enkf", "srukf"]), *_GATED],

@@ -140,6 +140,7 @@ def test_one_filters_table_may_be_missing_and_the_others_is_there(car, monkeypat
     assert "ekf" not in text
 
 
+@pytest.mark.slow
 def test_pictures_that_throw_are_missing_alone(sonar, monkeypatch, tmp_path):
     monkeypatch.setattr(drawing, "png", lambda figure: b"png")
     assert sonar.written(tmp_path / "whole", plots=True).missing == {}

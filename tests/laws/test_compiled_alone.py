@@ -30,6 +30,7 @@ def estimated(loop, record):
     return loop.estimate(record, Streams(1, "test").generators("filter", range(record.runs)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

@@ -38,6 +38,7 @@ def assert_same_bits(found, expected, runs=slice(None)):
         np.testing.assert_array_equal(found.notes[name], noted[:, runs], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

@@ -75,6 +75,7 @@ def _settings(name, gate):
     return settings(f"filter={name}", *small.get(name, []), *gated).filter
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "gate"), [(name, None) for name in options("filter")] + [(name, 0.8) for name in GATED]
 )

@@ -74,6 +74,7 @@ def test_a_histogram_counts_every_run_once_and_nan_never():
     assert edges[last + 1] == edges[-2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filter", ["ukf", "pf"])
 @pytest.mark.parametrize("scenario", ["landmark", "field", "car", "epuck", "sonar"])
 def test_figures_do_not_depend_on_the_size_of_the_blocks(scenario, filter):

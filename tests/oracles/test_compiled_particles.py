@@ -14,6 +14,8 @@ from tests.compiled import assert_same, by_both, estimated, with_readings
 from tests.conftest import options, settings
 from tests.oracles.test_compiled import gone_wild, with_holes
 
+pytestmark = pytest.mark.slow
+
 SONAR = ("scenario=sonar", "filter.particles=203", "runs=3", "steps=30")
 LANDMARK = ("scenario=landmark", "filter.particles=100", "runs=3", "steps=30", "scenario.dropped=0.5")
 FIELD = ("scenario=field", "filter.particles=64", "runs=3", "steps=30")

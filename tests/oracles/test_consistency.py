@@ -27,6 +27,7 @@ from estlab.metrics.verdict import BIASED, CONSERVATIVE, MEASUREMENT, OVERCONFID
 FEWEST, MOST = 0.025, 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("runs", "steps", "missing"), [(20, 60, 0.0), (5, 60, 0.0), (50, 2, 0.0), (20, 60, 0.3), (1, 120, 0.0)]
 )

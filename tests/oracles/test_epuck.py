@@ -164,6 +164,7 @@ def test_a_number_out_of_range_is_named(key, value):
         settings("scenario=epuck", f"scenario.{key}={value}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", options("filter"))
 def test_every_filter_follows_the_robot(name):
     if name == "dead_reckoning":

@@ -82,6 +82,7 @@ def test_every_member_is_conditioning_of_the_joint_gaussian(name):
         np.testing.assert_allclose(found.cov[:, :, -1, run], cov[-3:, -3:], atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILY)
 @pytest.mark.parametrize("missing", [False, True])
 def test_the_likelihood_of_every_member_is_that_of_the_joint_gaussian_of_all_readings(name, missing):
