@@ -1,7 +1,7 @@
 """Whole command lines, from the shell to the exit code, against what Python itself takes.
 
-The clock of a run is what its processes take of the processor, so that a busy machine slows it no more than its
-reference; that of a sweep on both cores is the one on the wall.
+The clock of a run on one core is what its processes take of the processor, so that a busy machine slows it no more
+than its reference; that of what shares both cores is the one on the wall.
 """
 
 import os
@@ -24,7 +24,7 @@ def rows() -> Iterator[Row]:
     many = ("run", "scenario=car", "filter=ukf", "runs=10000", *tables, "cores=1")
     jobs = ("sweep", "scenario=field", "filter=ekf", "runs=20", "seed=range(1,65)", "plots=false")
     for words, goal, clock in (
-        (("run", "scenario=car", "filter=ukf"), 2.6, _of_children),
+        (("run", "scenario=car", "filter=ukf"), 2.6, time.perf_counter),
         (many, 6.0, _of_children),
         (jobs, 8.0, time.perf_counter),
     ):
