@@ -6,7 +6,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from estlab.config.targets import located
 from estlab.errors import UserError
 from estlab.launch import resolvers, yaml_bounds
 from estlab.launch.path_arguments import PATHS, home
+from estlab.launch.shared_compositions import SharedCompositions
 
 # What Hydra calls from its own node: these it takes only from its plugins, which it knows by name.
 _PLUGINS = ("hydra.launcher._target_", "hydra.sweeper._target_")
@@ -112,6 +113,16 @@ class CheckedLoader(ConfigLoaderImpl):
         _write_out_homes(config)
         check(config)
         return config
+
+    def load_sweep_config(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
+        """The configuration of a job; jobs that differ in numbers alone share a composition."""
+        words = [*map(str, master_config.hydra.overrides.hydra), *sweep_overrides]
+        compose = partial(super().load_sweep_config, master_config, sweep_overrides)
+        return self._shared.of(words, compose)
+
+    @cached_property
+    def _shared(self) -> SharedCompositions:
+        return SharedCompositions(self.repository)
 
 
 def _write_out_homes(config: DictConfig) -> None:
