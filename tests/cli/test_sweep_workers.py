@@ -42,7 +42,7 @@ def at_work(place: str) -> list[int]:
     return [one["pid"] for one in found if one["status"] == "running"]
 
 
-def test_a_job_is_composed_once(monkeypatch):
+def test_jobs_that_differ_in_numbers_alone_are_composed_once(monkeypatch):
     composed = []
     real = CheckedLoader.load_configuration
 
@@ -52,7 +52,7 @@ def test_a_job_is_composed_once(monkeypatch):
 
     monkeypatch.setattr(CheckedLoader, "load_configuration", counted)
     assert sweep(*SIX) == 0
-    assert len(composed) == 1 + 6, "the sweep, and each of its jobs"
+    assert len(composed) == 1 + 2, "the sweep, and the jobs of each filter"
 
 
 def test_a_jobs_files_say_what_was_typed_for_it_in_the_words_of_a_run():
