@@ -123,8 +123,11 @@ class Filter(ABC, Generic[B]):
         """The belief dt [s] later."""
 
     def propagate(self, motion: Motion, belief: B, control: Array, dt: float) -> Moments:
-        """A Gaussian prediction with its cross-covariance to the state before, which a smoother needs."""
-        raise NotImplementedError(f"{type(self).__name__} has no propagate")
+        """A Gaussian prediction with its cross-covariance to the state before, which a smoother needs.
+
+        Raises TypeError unless ``traits.smooths``.
+        """
+        raise TypeError(f"{type(self).__name__} does not smooth")
 
     @abstractmethod
     def update(self, sensor: Sensor, belief: B, reading: Array, landmark: Array) -> tuple[B, Innovation]:

@@ -200,7 +200,7 @@ def _array_names(file: Path, stream: BinaryIO) -> list[str]:
         size = os.fstat(stream.fileno()).st_size
         with zipfile.ZipFile(stream) as archive:
             members = archive.infolist()
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
         raise UserError(f"{file}: is not an archive of a run") from error
     stored = all(member.compress_type == zipfile.ZIP_STORED for member in members)
     if not stored or sum(member.file_size for member in members) > size:

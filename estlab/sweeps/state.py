@@ -149,7 +149,7 @@ def _is_readable(sweep: Path, archive: PurePath) -> bool:
             if any(member.compress_type != zipfile.ZIP_STORED for member in stored.infolist()):
                 return False  # a part stores its arrays uncompressed; one that unpacks to more is invalid
             return stored.testzip() is None
-    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
         return False
 
 

@@ -135,14 +135,16 @@ def test_a_split_sweep_that_is_killed_and_resumed_has_the_bytes_of_one_that_was_
     assert table() == table(str(whole))
 
 
-@pytest.mark.parametrize("spoil", ["cut", "emptied", "flipped", "gone"])
+@pytest.mark.parametrize("spoil", ["cut", "emptied", "flipped", "encrypted", "gone"])
 def test_a_part_that_cannot_be_read_runs_again(spoil, whole, in_parts, capsys):
     shutil.copytree(in_parts, "swept")
     part = Path("swept/parts/0_field_ekf/2-of-3/part.npz")
     content = part.read_bytes()
     middle = len(content) // 2  # inside of an array
     flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-    changed = {"cut": content[:-500], "emptied": b"", "flipped": flipped, "gone": None}[spoil]
+    header = content.index(b"PK\x01\x02")  # of the first array in the archive's table, whose flags are 8 bytes on
+    encrypted = content[: header + 8] + bytes([content[header + 8] | 1]) + content[header + 9 :]
+    changed = {"cut": content[:-500], "emptied": b"", "flipped": flipped, "encrypted": encrypted, "gone": None}[spoil]
     if changed is None:
         part.unlink()
     else:

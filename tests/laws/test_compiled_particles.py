@@ -21,6 +21,7 @@ from estlab.models.contract import Motion
 from tests import pendulum
 from tests.conftest import settings
 from tests.laws.test_alone import only
+from tests.laws.test_particles import awkward_weights
 
 FIELDS = ("mean", "cov", "whitened", "log_scale", "sample")
 MODELS = pendulum.MOTION, pendulum.SENSOR
@@ -180,15 +181,7 @@ def both(scheme, count, lanes=None):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("count", [2, 8, 1000])
 def test_particles_are_chosen_as_numpy_chooses_them(scheme, count):
-    """Ties, points of no weight, one that has it all, and edges that fall on the positions themselves."""
-    rng = np.random.default_rng(4)
-    weights = rng.random((count, 6)) ** 8
-    weights[:, 1] = 1.0
-    weights[count // 2 :, 2] = 0.0
-    weights[:, 3] = np.eye(count)[count // 3]
-    weights[:, 4] = rng.integers(0, 3, count)
-    weights[0, 4] = 1.0
-    weights /= weights.sum(axis=0)
+    rng, weights = awkward_weights(count)
     numpy, compiled = both(scheme, count)
     for u in (rng.random((count, 6)), np.zeros((count, 6)), np.full((count, 6), 1.0 - 2.0**-53)):
         expected, found = (f._chosen(weights, Fixed(compiled.code, u)) for f in (numpy, compiled))

@@ -227,7 +227,7 @@ def test_a_filter_says_of_itself_what_it_does(name):
         with pytest.raises(ValueError, match="this filter has no smoother; use one of the Gaussian family"):
             loop.check_smoother()
         belief = filter.start(record.prior, Streams(1, "test").generators("filter", range(2)))
-        with pytest.raises(NotImplementedError, match="has no propagate"):
+        with pytest.raises(TypeError, match="does not smooth"):
             filter.propagate(loop.motion, belief, record.control[:, 0], 0.1)
 
 

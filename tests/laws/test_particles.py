@@ -45,9 +45,7 @@ class Chosen(Generators):
         return self.numbers[: shape[0]]
 
 
-@pytest.mark.parametrize("scheme", ["systematic", "stratified"])
-@pytest.mark.parametrize("count", [2, 8, 1000])
-def test_systematic_and_stratified_choices_are_those_of_a_search(scheme, count):
+def awkward_weights(count):
     """Ties, points of no weight, one that has it all, and edges that fall on the positions themselves."""
     rng = np.random.default_rng(4)
     weights = rng.random((count, 6)) ** 8
@@ -57,6 +55,13 @@ def test_systematic_and_stratified_choices_are_those_of_a_search(scheme, count):
     weights[:, 4] = rng.integers(0, 3, count)
     weights[0, 4] = 1.0
     weights /= weights.sum(axis=0)
+    return rng, weights
+
+
+@pytest.mark.parametrize("scheme", ["systematic", "stratified"])
+@pytest.mark.parametrize("count", [2, 8, 1000])
+def test_systematic_and_stratified_choices_are_those_of_a_search(scheme, count):
+    rng, weights = awkward_weights(count)
     for u in (
         rng.random((count, 6)),
         np.zeros((count, 6)),
